@@ -180,7 +180,7 @@ def test_a_sequence_of_another_model_is_refused(small) -> None:
         model.budget,
     )
     attack = attack_weights(bolder, pd.DataFrame([[1.0, 0.0, 0.0]], columns=list(ASSETS)))
-    with pytest.raises(InputError, match="cannot be gone on with: it is of another problem"):
+    with pytest.raises(InputError, match="cannot be continued: it is of another problem"):
         attack_over_time(attack, "sequential", state=state)
 
 

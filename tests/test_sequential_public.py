@@ -322,8 +322,8 @@ def test_what_does_not_fit_is_refused() -> None:
     refused = [
         ("whole number from 0 to 2", lambda: maker.begin().observe()),
         ("whole number from 0 to 2", lambda: maker.begin().observe(3)),
-        ("knows of no public", lambda: plain.begin().observe(1)),
-        ("knows of no public", lambda: plain.decide_path(np.eye(2), public=[0, 1], rng=rng)),
+        ("has no public information", lambda: plain.begin().observe(1)),
+        ("has no public information", lambda: plain.decide_path(np.eye(2), public=[0, 1], rng=rng)),
         ("expected one per belief", lambda: maker.decide_path(np.eye(2), public=[0], rng=rng)),
         ("whole number from", lambda: maker.decide_path(np.eye(2), rng=rng)),
         ("probability 0", lambda: certain.observe(1)),

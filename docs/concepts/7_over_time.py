@@ -111,7 +111,7 @@ print(f"{'no rule':16s}over time more than {told.path_ceiling:.2f}")
 # and at once keeps more than V(mean regret; mean law of the belief), whatever it remembers or draws. The line on the right is
 # its root, from a dual solution, so that it bounds whatever the solver did.
 #
-# **With a memory alone.** Where the observer can come to hold finitely many laws only, `SequentialDecisionMaker.as_mechanism()`
+# **With a memory alone.** Where the observer can reach only finitely many laws, `SequentialDecisionMaker.as_mechanism()`
 # returns the rule as a mechanism whose memory is the law: tables instead of a solver. Otherwise a status says so.
 #
 # **A delay is enough** where beliefs move faster than it. After d steps the observer knows the belief of d steps ago, and its error is

@@ -56,7 +56,7 @@ class AlphaState(Saved):
         same = len(rule) == len(self.rule) and all(map(_agree, rule, self.rule))
         if not same:
             raise InputError(
-                f"{path} cannot be gone on with: it is of another rule (another law of the means, risk, risk aversion, "
+                f"{path} cannot be continued: it is of another rule (another law of the means, risk, risk aversion, "
                 "limits, loadings, trading cost or budget). A law that is estimated afresh from private means would reveal "
                 "them: keep the one that the sequence began with"
             )

@@ -18,14 +18,14 @@ from inscrutable.mechanisms import Prior, mechanism
 from inscrutable.saved import Summarised
 
 _SCAN = 7
-"""Values between the ends that are tried where the ends lie on the same side of the target."""
+"""Values tried between the ends where both ends lie on the same side of the target."""
 _LONGEST_STEP = float(np.log(4.0))
-"""Of the logarithm of an amount, where the first trial says little of the right one."""
+"""First step of the logarithm of an amount, where the first trial is far off."""
 _MOST_IDLE = 3
-"""Steps running that change nothing: beyond hundreds of times the amount nothing more is taken to be spent."""
+"""Consecutive steps without a change of the regret after which a search ends: the amount has grown some hundredfold."""
 _FARTHEST = float(np.log(1e12))
-"""Of the logarithm of an amount from the first trial, the regret asked for: a trillion times more or less noise changes
-nothing more, and farther away amounts overflow."""
+"""Largest change of the logarithm of an amount from the first trial, the regret asked for: more or less noise than that
+changes nothing, and amounts overflow."""
 Made = TypeVar("Made")
 
 
@@ -45,13 +45,13 @@ class CalibrationStatus(Enum):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration(Summarised):
-    """A decision maker of a family with an expected regret as near below a target as was found.
+    """A decision maker of a family whose expected regret is the nearest found below a target.
 
     Iterating gives the decision maker and its expected regret.
 
     Args:
         decision_maker: The decision maker.
-        parameter: What it was made from.
+        parameter: The parameter it was made from.
         regret: Its expected regret, in the cost's unit.
         target: The expected regret asked for.
         status: How the search ended.
@@ -98,11 +98,11 @@ def calibrate(
     monotone this is one crossing of several; a jump ends at its lower side.
 
     Args:
-        make: Parameter → decision maker, such as `lambda p: CoinDecisionMaker(problem, p)`. Give it candidates made once,
-            else every trial makes its own. For whole numbers round inside.
+        make: Parameter → decision maker, such as `lambda p: CoinDecisionMaker(problem, p)`. Make candidates once outside,
+            else every trial makes its own. Round inside for parameters that are whole numbers.
         regret: The target, above 0, in the cost's unit.
-        prior: A `Prior`, or a path of beliefs (T,X) in the order of time, where each step weighs the same; decision makers
-            with a memory, delayed or partial, need a path.
+        prior: A `Prior`, or a path of beliefs (T,X) in the order of time, each step of equal weight; decision makers with a
+            memory, delayed or partial, need a path.
         low: Least value of the parameter.
         high: Largest value of the parameter, above `low`.
 
@@ -140,10 +140,10 @@ def calibrate(
 
 
 def spending(make: Callable[[float], Made], regret_of: Callable[[Made], float], regret: float) -> Made:
-    """Return what is made from the amount, about `regret` at first, at which the expected regret comes nearest from below.
+    """Return the object made from the amount whose expected regret is the nearest below `regret`, the first amount tried.
 
-    The regret must grow with the amount from nothing. It is reached as by `calibrate`, or the nearest below stands: where
-    single decisions leap over it, or a larger amount is not spent.
+    The expected regret must grow with the amount, from 0. It is reached as by `calibrate`, or the nearest below is returned
+    where it jumps over the target or no larger amount raises it.
     """
 
     def made(amount: float) -> tuple[Made, float]:
@@ -168,7 +168,7 @@ def expected_regret(decision_maker: Any, prior: Prior | ArrayLike) -> float:
         return float(regrets.mean() if weights is None else weights @ regrets)
     if isinstance(prior, Prior):
         raise InputError(
-            f"{type(decision_maker).__name__} decides by what came before: give a path of beliefs (T,X), not a prior"
+            f"{type(decision_maker).__name__} depends on earlier decisions: give a path of beliefs (T,X), not a prior"
         )
     return float(np.mean(decision_maker.decide_many(prior).regret))
 
@@ -204,11 +204,10 @@ class _Search:
         return CalibrationStatus.ALL_CHEAPER if self._is_below(first) else CalibrationStatus.ALL_DEARER
 
     def from_guess(self, place: float) -> None:
-        """Step from a place towards the target, as if the regret grew with the parameter, each time counting double, and
-        narrow what lies between. After a step that changed nothing the next is a long one; the ends of the range are the
-        farthest trials."""
+        """Step from a place towards the target, each step twice as long as the last, until a bracket is found, and narrow it.
+        After a step that did not change the regret the next is a long one; the ends of the range are the farthest trials."""
         trial, weight, idle = self._at(place), 1.0, 0
-        aim = self.target * (1.0 - 0.5 * tolerances.CALIBRATED)  # the middle of what counts as reached
+        aim = self.target * (1.0 - 0.5 * tolerances.CALIBRATED)  # the middle of the range that counts as reached
         while not self._is_reached() and idle < _MOST_IDLE:
             missing = abs(np.log(aim / trial.regret)) if trial.regret > 0 and not idle else np.inf
             step = weight * min(float(missing), _LONGEST_STEP)

@@ -19,12 +19,12 @@ class CoinDecisionMaker(DrawingDecisionMaker):
     """A coin between the optimal decision and that of a fixed decoy belief, or of one drawn from a list.
 
     Formula: K(u*(y)|π) = p, K(u*(π)|π) = 1 − p, with one decoy y for every belief; the expected regret p ρ(π,u*(y)) is
-    linear in p. At p = 1 nothing leaks. Where both decisions are the same it is played for certain. Of n decoys each is
-    drawn with the chance p/n.
+    linear in p. At p = 1 nothing leaks. Where both decisions are the same the lottery has one atom. Of n decoys each is
+    drawn with probability p/n.
 
     Args:
         problem: The decision problem.
-        probability: p in [0, 1], of the decoy's decision.
+        probability: p in [0, 1], the probability of the decoy's decision.
         decoy: y, a belief, shape (X,), or several, (n,X); None is the uniform one. The mean of a prior gives the cheapest
             constant decision under that prior, whose expected regret is the silence regret.
 
@@ -95,7 +95,7 @@ class CoinDecisionMaker(DrawingDecisionMaker):
         own = candidates.same_as[len(decoys) :, None]
         optimal = (beliefs * candidates.state_costs[len(decoys) :]).sum(axis=1)
         regrets = np.maximum(beliefs @ candidates.state_costs[drawn].T - optimal[:, None], 0.0)
-        same = drawn == own  # the same decision twice is one atom: the first takes all
+        same = drawn == own  # equal decisions are one atom, the first
         shares = self.probability * often / len(decoys) + np.where(same, 1.0 - self.probability, 0.0)
         rest = np.where(same.any(axis=1, keepdims=True), 0.0, 1.0 - self.probability)
         numbers = np.hstack([np.broadcast_to(drawn, same.shape), own])

@@ -20,19 +20,19 @@ class DirichletDecisionMaker(CandidateLottery):
     """The optimal weights with Dirichlet noise, rounded to the nearest candidate.
 
     Formula: u = the candidate nearest to w, w ~ Dirichlet(κ u*(π)), so that E[w] = u*(π) and Var w_j = w̄_j(1 − w̄_j)/(κ + 1)
-    with w̄ = u*(π). Weights of zero stay zero: noise buys nothing that the optimal portfolio does not hold.
+    with w̄ = u*(π). Weights of zero stay zero: the noise adds no asset.
 
-    Rounding makes the lottery finite. Its probabilities are shares of `n_draws` draws whose levels are drawn once, from
-    `rng`, and used for every belief: w is then a fixed function of u*(π), and a belief always has the same lottery. It is
-    this lottery that is played and whose leak is measured. It comes near the continuous noise where `n_draws` is large
-    beside the number of candidates within its reach; with fewer draws beliefs share decisions less often, and more leaks.
+    Rounding makes the lottery finite. Its probabilities are frequencies in `n_draws` draws. Their quantile levels are drawn
+    once, from `rng`, and used for every belief, so that a belief always has the same lottery; this lottery is played, and its
+    leakage measured. It approximates the continuous noise where `n_draws` is large compared with the number of candidates
+    near u*(π); with fewer draws beliefs share decisions less often, and more leaks.
 
     Args:
         problem: A decision problem over the simplex {u ≥ 0 : Σu = 1}.
         concentration: κ, above 0; the larger, the less noise.
-        candidates: What is rounded to; None is about 5,000 decoys. Equal ones count once, inadmissible ones and those that
+        candidates: Decisions to round to; None is about 5,000 decoys. Equal ones count once; inadmissible ones and those that
             no belief explains are left out.
-        n_draws: Draws behind a lottery, at least 1.
+        n_draws: Number of draws per lottery, at least 1.
         rng: Source of the levels.
 
     Raises:
@@ -101,7 +101,7 @@ def dirichlet_quantiles(shapes: Array, levels: Array) -> Array:
     held, level = shapes[some], levels[:, some]
     with np.errstate(divide="ignore"):
         logs = np.log(gammaincinv(held, level))
-    # P(a, x) = x^a / Γ(a + 1) for small x, which is not yet small where x underflows.
+    # P(a, x) ≈ x^a / Γ(a + 1) for small x, also where x underflows and P does not.
     logs = np.where(np.isfinite(logs), logs, (np.log(level) + gammaln(held + 1.0)) / held)
     found = np.exp(logs - logs.max(axis=1, keepdims=True))
     points = np.zeros(levels.shape)

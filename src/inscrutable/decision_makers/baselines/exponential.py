@@ -19,12 +19,13 @@ class ExponentialDecisionMaker(CandidateLottery):
 
     Formula: K(u|π) ∝ exp(−ε ρ(π,u)) over the candidates. ε = 0 is the uniform law, ε → ∞ the cheapest candidate. As costs
     differ by at most Δ = max |c(i,u) − c(i,u')| between candidates, the odds of two decisions change by at most exp(2εΔ)
-    between any two beliefs. Candidates below `tolerances.PROBABILITY` are never drawn; for them this holds up to that.
+    between any two beliefs. Candidates of a probability below `tolerances.PROBABILITY` are never drawn; the bound on the odds
+    holds up to that probability.
 
     Args:
         problem: The decision problem.
         epsilon: ε, at least 0, per unit of cost.
-        candidates: What is drawn from; None is about 5,000 decoys. Decisions (M,U) are accepted. Equal ones count once,
+        candidates: Decisions to draw from; None is about 5,000 decoys. Decisions (M,U) are accepted. Equal ones count once,
             inadmissible ones are left out.
         on_empty: "exclude" leaves out candidates that no belief explains, "infinite" keeps them.
 

@@ -1,4 +1,4 @@
-"""Draws that are kept while the belief stays, so that one belief is met with one decision."""
+"""Draws that are repeated while the belief does not change."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from inscrutable.problems import checked_problem
 from inscrutable.validation import Array
 
 _MOST_ENTRIES = 2**25
-"""Entries of a memory mechanism that are made, some 800 MB with what makes them; more would fill a laptop."""
+"""The most entries of a memory mechanism; making it takes some 800 MB then."""
 
 
 class KeptDecisionMaker(Described):
@@ -27,8 +27,8 @@ class KeptDecisionMaker(Described):
 
     Formula: u_t = u_{t−1} where π_t = π_{t−1}, to `tolerances.SAME_BELIEF`; otherwise u_t ~ K(·|π_t), drawn afresh.
 
-    Repeated decisions on one belief reveal what one reveals. Each decision by itself has the law of the other's, and so has its
-    regret. What is played depends on the past: it is no mechanism K(u|π), but one with a memory.
+    Repeated decisions on one belief reveal no more than one does. Each decision alone has the law of the other decision
+    maker's, and its regret. It depends on the past: the rule is no mechanism K(u|π), but one with a memory.
 
     Args:
         decision_maker: Anything with `problem` and `decide_many` that decides by the present belief alone.
@@ -36,7 +36,7 @@ class KeptDecisionMaker(Described):
     Raises:
         InputError: There is no such decision maker.
 
-    Cost: one decision of the other's for each stay.
+    Cost: one decision of the other decision maker for each new belief.
 
     Source: memoised noise, as in Erlingsson, Pihur and Korolova, RAPPOR (2014): an answer is drawn once and repeated.
 
@@ -51,7 +51,7 @@ class KeptDecisionMaker(Described):
 
     _shown = ("decision_maker",)
     is_memoryless = False
-    """It decides by what came before."""
+    """False: it depends on earlier decisions."""
 
     def __init__(self, decision_maker: PlaysMany) -> None:
         self.problem = checked_problem(getattr(decision_maker, "problem", None))
@@ -66,7 +66,7 @@ class KeptDecisionMaker(Described):
         return self.decide_many(validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names))[0]
 
     def decide_many(self, beliefs: ArrayLike) -> Any:
-        """Return the law of each decision on beliefs (T,X) by itself: the other decision maker's."""
+        """Return the law of each single decision on beliefs (T,X), which is the other decision maker's."""
         return self.decision_maker.decide_many(beliefs)
 
     def draw_path(self, beliefs: ArrayLike, *, rng: np.random.Generator) -> Any:

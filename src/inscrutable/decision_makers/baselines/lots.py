@@ -1,4 +1,4 @@
-"""Lotteries over a list of decisions: cleaned, judged against the naive observer, and handed on as results."""
+"""Lotteries over a list of decisions: without tiny atoms, with the privacy against the naive observer, as results."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False)
 class Lots:
-    """For each of T beliefs a lottery of at most k candidates; what is padded has share 0 and repeats the first."""
+    """For each of T beliefs a lottery of at most k candidates; padding has share 0 and repeats the first."""
 
     problem: DecisionProblem
     candidates: Candidates

@@ -43,7 +43,7 @@ class DrawingDecisionMaker(Described, ABC):
     def table(self, beliefs: ArrayLike) -> tuple[Array, np.ndarray, Array]:
         """Return points (M,U), and for beliefs (T,X) the numbers (T,k) of those in the lottery and their shares (T,k).
 
-        The same lotteries as `decide_many`, without what an observer makes of each decision.
+        The same lotteries as `decide_many`, without the consistent beliefs of each decision.
         """
         lots = self._cleaned(beliefs)
         return lots.candidates.actions, lots.numbers, lots.shares

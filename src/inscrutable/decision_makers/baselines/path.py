@@ -22,12 +22,12 @@ class DelayedDecisionMaker(PathRule):
     Formula: u_t = u*(π_{t−d}); before step d, `start`.
 
     `decide_many` takes a path of beliefs in the order of time. Nothing is kept between calls, so `decide` is the first step
-    of a path. What is played depends on the past: it is no mechanism K(u|π), and `mechanism` refuses it.
+    of a path. The decision depends on the past: the rule is no mechanism K(u|π), and `mechanism` refuses it.
 
     Args:
         problem: The decision problem.
         n_steps: d, at least 0; 0 is the original decision maker.
-        start: What is played before step d, shape (U,); None is the optimal decision of the first belief.
+        start: The decision before step d, shape (U,); None is the optimal decision of the first belief.
 
     Raises:
         InputError: `n_steps` is not a whole number of at least 0, or `start` is no feasible decision.
@@ -59,9 +59,9 @@ class PartialDecisionMaker(PathRule):
     Formula: u_t = u_{t−1} + f (u*(π_t) − u_{t−1}), from u_{−1} = `start`.
 
     `decide_many` takes a path of beliefs in the order of time. Nothing is kept between calls, so `decide` is the first step
-    of a path. What is played depends on the past: it is no mechanism K(u|π), and `mechanism` refuses it. Decisions stay
-    feasible, as the set is convex; weights that are sold off shrink without end and may fall below `min_slack`, which an
-    observer counts as zero.
+    of a path. The decision depends on the past: the rule is no mechanism K(u|π), and `mechanism` refuses it. Decisions stay
+    feasible, as the set is convex; the weight of an asset that is sold shrinks geometrically and may fall below `min_slack`,
+    which an observer counts as zero.
 
     Args:
         problem: The decision problem, with decisions between choices.
@@ -93,10 +93,10 @@ class PartialDecisionMaker(PathRule):
         return partial_trades(optimal, self._started(optimal), self.fraction)
 
     def memory_mechanism(self, beliefs: ArrayLike, holdings: ArrayLike) -> MemoryMechanism:
-        """Return the rule on beliefs (B,X) as a mechanism whose memory is what is held, one of finitely many holdings.
+        """Return the rule on beliefs (B,X) as a mechanism whose memory is the present holding, one of finitely many.
 
-        Formula: u_t is the one of `holdings` nearest to u_{t−1} + f (u*(π_t) − u_{t−1}); a trade that stays nearer to what is
-        held is not made.
+        Formula: u_t is the one of `holdings` nearest to u_{t−1} + f (u*(π_t) − u_{t−1}); there is no trade where u_{t−1} itself
+        is the nearest.
 
         Memory 0 stands for no decision yet, memory 1 + m for the m-th holding. It counts as private, but the decisions reveal
         it.
@@ -128,7 +128,7 @@ def partial_trades(targets: Array, start: Array, fraction: float) -> Array:
     """Return u_t = (1 − f) u_{t−1} + f v_t for targets v (T,…,U) from u_{−1} = `start` (…,U), shape (T,…,U)."""
     held, points = start, np.empty(targets.shape)
     for step, target in enumerate(targets):
-        # The convex form: a full trade reaches its target digit for digit.
+        # The convex form: with f = 1 the target is reached exactly.
         held = (1.0 - fraction) * held + fraction * target
         points[step] = held
     return points

@@ -15,15 +15,15 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 _MOST_COORDINATES = 12
-"""Coordinates that are rounded up or down in every combination: 4,096 of them."""
+"""The most coordinates that are rounded up or down in every combination, 4,096 of them."""
 
 
 class RoundingDecisionMaker(RuleDecisionMaker):
     """The optimal decision rounded to multiples of a step.
 
     Formula: on the simplex the nearest multiples of h that sum to one (largest remainders); elsewhere the cheapest feasible
-    one of the neighbours h⌊u*/h⌋ + h b, b ∈ {0,1}^U. Often no belief explains a rounded decision; its naive privacy is
-    then infinite, and the near-optimal adversary is the one to ask.
+    one of the neighbours h⌊u*/h⌋ + h b, b ∈ {0,1}^U. Often no belief explains a rounded decision; its privacy is then
+    infinite, and `NearOptimalAdversary` is the observer to use.
 
     Args:
         problem: The decision problem, with decisions between choices.

@@ -1,4 +1,4 @@
-"""Decision makers that follow a rule and draw nothing."""
+"""Deterministic rules."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class RuleDecisionMaker(Described, ABC):
     def table(self, beliefs: ArrayLike) -> tuple[Array, np.ndarray, Array]:
         """Return the decisions for beliefs (T,X) as points (T,U), the number of each belief's own and its share 1, (T,1).
 
-        The same as `decide_many`, without what an observer makes of each decision.
+        The same as `decide_many`, without the consistent beliefs of each decision.
         """
         return certain(self._points(self._held(beliefs)))
 

@@ -17,7 +17,7 @@ from inscrutable.validation import Array
 
 
 class Atoms:
-    """Decisions that a lottery may mix: those of the lottery found first, the optimal one, and others met by proofs."""
+    """Decisions that a lottery may mix: those of the lottery found first, the optimal one, and others found by the proof."""
 
     def __init__(self, problem: DecisionProblem, belief: Array, measure: PrivacyMeasure, found: MixedDecision) -> None:
         self.problem = problem
@@ -37,12 +37,12 @@ class Atoms:
         return mixture
 
     def value(self, limit: float) -> tuple[float, float]:
-        """Return the best expected privacy and its slope in the budget, the search's own where it knows one."""
+        """Return the best expected privacy and its slope in the budget, taken from the search where that knows it."""
         mixture = self._mixture(limit)
         value, price = float(mixture.probabilities @ self.privacies[mixture.indices]), mixture.price
         if (not self.met or not (self.regrets > limit).any()) and np.isfinite(self.first_price):
             price = self.first_price
-            # A concave frontier is no steeper at the budget than on the way there.
+            # A concave frontier is no steeper at the budget than before it.
             short = limit - self.regrets
             before = (short > 0.0) & (self.privacies > value - price * short + tolerances.CHORD)
             price = float(((value - self.privacies[before]) / short[before]).min(initial=price))
@@ -66,7 +66,7 @@ class Atoms:
             self.privacies = np.append(self.privacies, met.privacy)
 
     def lottery(self, found: MixedDecision, limit: float) -> MixedDecision:
-        """Return the best lottery; the one found first where nothing better was met."""
+        """Return the best lottery; the first one where none is better."""
         mixture = self._mixture(limit)
         privacies, regrets = self.privacies[mixture.indices], self.regrets[mixture.indices]
         expected = float(mixture.probabilities @ privacies)

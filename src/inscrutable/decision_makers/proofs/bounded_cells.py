@@ -1,4 +1,4 @@
-"""The cells of a proof with their bounds, which are made exact only where they are looked at."""
+"""The cells of a proof with their bounds, which are computed exactly only where needed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class DescribedCells(NamedTuple):
     gains: Array  # (C,X)
     regrets: Array  # (C,X,K)
     final: np.ndarray  # (C,)
-    lost: Array  # (C,) by how much at most `regrets` are lower because decisions between corners are not known
+    lost: Array  # (C,) largest loss of `regrets` because decisions between corners are not known
     kinks: np.ndarray  # (C,) how often in a row a cell was cut at a kink
 
     def pick(self, which: np.ndarray) -> DescribedCells:
@@ -26,7 +26,7 @@ class DescribedCells(NamedTuple):
 
 
 class BoundedCells:
-    """Cells with bounds (C,) for one question: from the last one's weights at first, exact where asked for."""
+    """Cells with bounds (C,) for one question: first by the weights of the last question, exact on demand."""
 
     def __init__(self, cells: DescribedCells) -> None:
         self.cells = cells
@@ -55,7 +55,7 @@ class BoundedCells:
         return np.asarray(worst[self.bounds[worst] > floor])
 
     def without_loss(self, which: np.ndarray) -> Array:
-        """Return about what the bounds of some cells were if decisions between corners were known."""
+        """Return an estimate of the bounds of some cells if decisions between corners were known."""
         return np.asarray(self.bounds[which] - self._weights[which].sum(axis=1) * self.cells.lost[which])
 
     def keep(self, which: np.ndarray) -> None:

@@ -7,7 +7,7 @@ of M bound the regret from below by Σ_j λ_j M_jk at y = Σ_j λ_j y_j. Then no
 
 and with a multiplier μ on the regret in place of a budget no belief's gain less μ times its regret exceeds
 min_z {max_j (D − M z)_j : z ≥ 0, Σz ≤ μ}. The right sides are solved by the simplex method, all cells together. Every z
-gives a bound, so the value is computed afresh from the final z: rounding can only loosen it.
+gives a bound, so the value is computed from the final z: rounding can only loosen it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def bounds_by(weights: Array, gains: Array, regrets: Array, price: float) -> Arr
 
 
 def allowed_weights(weights: Array, multiplier: float | None) -> Array:
-    """Return z (C,K), for whatever question, made fit for one with a multiplier: with a sum of no more."""
+    """Return z (C,K) scaled to a sum of at most the multiplier, as a question with one needs."""
     if multiplier is None:
         return weights
     return np.asarray(
@@ -46,7 +46,7 @@ def allowed_weights(weights: Array, multiplier: float | None) -> Array:
 
 
 def _simplex_method(gains: Array, regrets: Array, price: float, multiplier: float | None) -> Array:
-    """Return z (C,K): optimal, or far along a ray on which the minimum falls for ever."""
+    """Return z (C,K): optimal, or far along a ray on which the objective is unbounded."""
     n_cells, _, n_columns = regrets.shape
     tableau, costs, basis = _start(gains, regrets, price, multiplier)
     rows = np.arange(n_cells)
@@ -58,7 +58,7 @@ def _simplex_method(gains: Array, regrets: Array, price: float, multiplier: floa
         if not live.any():
             break
         column = tableau[rows, :, entering]
-        # The largest gain left, in the first column, is free of sign and never leaves the basis.
+        # The largest gain left, in the first column, is a free variable and never leaves the basis.
         leaves = (column > tolerances.REDUCED_COST) & (basis != 0)
         ratios = np.where(leaves, np.maximum(tableau[:, :, -1], 0.0) / np.where(leaves, column, 1.0), np.inf)
         leaving = ratios.argmin(axis=1)

@@ -1,13 +1,12 @@
-"""Proofs that no affordable decision is more private: branch and bound over beliefs with nothing but the optimal cost.
+"""Proofs that no affordable decision is more private: branch and bound over beliefs by the optimal cost alone.
 
 Every plausible decision is optimal for some belief y, and its privacy is then at most ‖π − y‖ (at most −‖t − y‖ when the
 goal is a target t and y the member nearest to it). The simplex is cut into simplicial cells; on each, the regret of
-*every* decision that is optimal for one of its beliefs is bounded from below through optimal costs at the corners and on
-the way to them, for quadratic costs and growth through optimal decisions, which turns the largest privacy there into a
-tiny linear programme. Cells that could still hold something better are halved, or cut where a row of C ceases to be tight
-if that is all that keeps them. A cell whose corners share one decision is part of its consistent set and counts with the
-distance of that set, itself and nothing beyond it. For quadratic costs and growth a cell is left out where no belief is the
-nearest one that explains its decision.
+*every* decision that is optimal for one of its beliefs is bounded from below by optimal costs at the corners and on the rays
+to them, for quadratic costs and growth by optimal decisions. A tiny linear programme then bounds the privacy there. Cells
+with a bound above the best known are halved, or cut where a row of C becomes inactive if that alone makes the bound too high.
+A cell whose corners share one decision is part of its consistent set, and its bound is the distance of that set. For quadratic
+costs and growth a cell is dropped where no belief is the nearest one that explains its decision.
 """
 
 from __future__ import annotations
@@ -33,30 +32,29 @@ from inscrutable.problems import DecisionProblem, KellyProblem, quadratic_proble
 from inscrutable.validation import Array
 
 _MOST_CELLS = 256  # halved in one round
-_NEARLY = 0.15  # of a cell's gap, that may be left without what it loses to kinks
-_MOST_KINKS = 4  # cuts at kinks in a row, so that slivers do not become thinner and thinner
-_EDGE_SHARE = 1.2  # a cell's edge over what is left of the way to it, 1 − τ: where both errors are alike
+_NEARLY = 0.15  # share of a cell's gap left without its loss at kinks, below which a cut at a kink is worth while
+_MOST_KINKS = 4  # cuts at kinks in a row, or cells become ever thinner
+_EDGE_SHARE = 1.2  # a cell's edge over 1 − τ, the rest of the ray to it: both errors are then of equal size
 _PULLS = np.array([0.0, 0.01, 0.1, 0.5])
 _ATTEMPTS = 3
 _JUDGED = 64  # points whose decisions are judged in one round
-_JUDGED_SLOWLY = 2  # where the beliefs that explain a decision take cutting planes
+_JUDGED_SLOWLY = 2  # the same where consistent beliefs take cutting planes
 
 
 class Question(NamedTuple):
-    """Largest Ψ under a budget, or largest Ψ − multiplier · regret; nothing below `floor` is of interest."""
+    """Largest Ψ under a budget, or largest Ψ − multiplier · regret, if above `floor`."""
 
     reference: Reference
     budget: float
     multiplier: float | None
     floor: float
     judged: frozenset[int] = frozenset()
-    """Points whose decisions are known already; another one that is worth more than the floor ends the search where
-    there is a multiplier."""
+    """Points whose decisions are known; with a multiplier, any other point above the floor ends the search."""
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """No decision is worth more than `bound`; `complete` where every cell was judged down to the floor."""
+    """No decision has a larger value than `bound`; `complete` where no cell is above the floor."""
 
     bound: float
     complete: bool
@@ -92,7 +90,7 @@ class Prover:
         return found if form is None or self._quadratic is None else form.decisions(self._quadratic.with_copies(found))
 
     def answer(self, question: Question) -> Answer:
-        """Return a bound for one question; again where the solver turned out less exact than allowed for."""
+        """Return a bound for one question; repeated where the solver's error proved larger than assumed."""
         for _ in range(_ATTEMPTS):
             if self._leaves is None or self.points.allowance > 2.0 * self._allowance:
                 self._allowance = self.points.allowance
@@ -115,14 +113,14 @@ class Prover:
             gap = leaves.bounds[worst] - question.floor
             nearly = leaves.without_loss(worst) - question.floor <= _NEARLY * gap
             fresh = self._described(*self._halved(leaves.cells.pick(worst), nearly), question)
-            # A part is bounded by the whole it comes from.
+            # The bound of a cell holds for its parts.
             kept = np.ones(len(leaves.bounds), dtype=np.bool_)
             kept[worst] = False
             leaves.keep(np.flatnonzero(kept))
             leaves.take(fresh)
 
     def better(self, question: Question) -> np.ndarray:
-        """Return points with admissible decisions known to be worth more than the floor, the best first; not the judged."""
+        """Return the points above the floor with admissible decisions, the best first, without those known already."""
         self._look(question.reference)
         spent = self.points.costs @ self.belief - self.points.optimal_cost
         spent = (
@@ -141,7 +139,7 @@ class Prover:
         return np.asarray(found[np.argsort(-above[found], kind="stable")])
 
     def _look(self, reference: Reference) -> None:
-        """Give new points the privacy that is known at once, from above where it may be large."""
+        """Give new points an upper bound of the privacy, exact where it is cheap to compute."""
         fresh = np.arange(len(self._privacies), len(self.points.values))
         if reference.sign > 0 and self._fibres is not None:
             seen = self._fibres.distances(fresh)
@@ -158,7 +156,7 @@ class Prover:
         return np.where(usable, reference.sign * np.where(usable, distances, 0.0), -np.inf)
 
     def _halved(self, cells: DescribedCells, nearly: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Cut along a long edge on which V is curved; at a kink where cells would `nearly` be done without."""
+        """Cut along a long edge on which V is curved; at a kink where a cell is `nearly` done but for its loss there."""
         corners, kinks = cells.corners, cells.kinks
         pairs = edges(corners.shape[1])
         points, costs = self.points.beliefs[corners], self.points.costs[corners]
@@ -178,7 +176,7 @@ class Prover:
         return halved(corners, chosen, made), np.tile(kinks, 2)
 
     def _described(self, corners: np.ndarray, kinks: np.ndarray, question: Question) -> BoundedCells:
-        """Bounds of gains and regrets on cells, without cells in which there is nothing to find."""
+        """Bounds of gains and regrets on cells, without cells that can be dropped."""
         outside = question.reference.sign > 0
         points = self.points.beliefs[corners]
         near, lost = None, np.zeros(len(corners))
@@ -211,11 +209,11 @@ class Prover:
         return cells
 
     def _tiny(self, points: Array) -> np.ndarray:
-        """Which cells (C,X,X) are not worth cutting any more."""
+        """Which cells (C,X,X) are too small to cut."""
         return np.asarray((points.max(axis=1) - points.min(axis=1)).max(axis=1) <= tolerances.FINEST_CELL)
 
     def _by_values(self, corners: np.ndarray) -> Array:
-        """Bounds of the regret that need no more than optimal costs."""
+        """Bounds of the regret by optimal costs alone."""
         points, pairs = self.points.beliefs[corners], edges(corners.shape[1])
         longest = np.linalg.norm(points[:, pairs[:, 0]] - points[:, pairs[:, 1]], axis=2).max(axis=1)
         farthest = np.linalg.norm(points - self.belief, axis=2).max(axis=1)
@@ -256,7 +254,7 @@ class Prover:
         return distance
 
     def _nearest(self, member: Array) -> Array:
-        """Where the observer's set of the decision at `member` comes nearest; only a proposal, to be asked about."""
+        """About the nearest belief of the consistent set of the decision at `member`; the oracle checks it."""
         try:
             found = consistent_beliefs(self.problem, self.problem.solve(member)).nearest(self.belief)
         except InscrutableError:

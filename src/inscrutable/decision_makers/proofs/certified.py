@@ -24,7 +24,7 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 MOST_CALLS = 10_000
-"""Oracle calls of a proof unless said otherwise."""
+"""Default limit of oracle calls of a proof."""
 
 _MOST_ROUNDS = 100
 _JUDGED = 8  # beliefs found by a proof whose decisions are judged
@@ -54,7 +54,7 @@ def check_provable(measure: PrivacyMeasure, on_empty: str) -> None:
 
 
 class Proofs:
-    """What a proof asks for: the goal, the budget, the relative gap, and how often the oracle may be called."""
+    """Settings of proofs: the problem, the budget, the relative gap, and the limit of oracle calls."""
 
     def __init__(self, problem: DecisionProblem, budget: Budget, gap: float, most_calls: int = MOST_CALLS) -> None:
         self.problem = problem
@@ -64,11 +64,11 @@ class Proofs:
 
     @cached_property
     def _cells(self) -> tuple[Subdivision | None, int]:
-        """Cells of a piecewise linear optimal cost, the same for all beliefs, and what they took."""
+        """Cells of a piecewise linear optimal cost, the same for all beliefs, and their oracle calls."""
         return cells_of(self.problem, self.most_calls)
 
     def single(self, belief: Array, measure: PrivacyMeasure, found: Decision, between_choices: bool) -> Decision:
-        """Return a decision with a proven bound, and a better one where the proof came across it.
+        """Return a decision with a proven bound, replaced by a better one where the proof finds it.
 
         `between_choices` says whether mixtures of the choices of a finite problem are decisions too.
         """
@@ -101,7 +101,7 @@ class Proofs:
     def lottery(
         self, belief: Array, measure: PrivacyMeasure, found: MixedDecision, between_choices: bool
     ) -> MixedDecision:
-        """Return a lottery with a proven bound over all distributions, more private where the proof came across better.
+        """Return a lottery with a proven bound over all distributions, replaced by a better one where the proof finds it.
 
         Formula: for every μ ≥ 0 the value is at most max_u {Ψ(u) − μ ρ(π,u)} + μ · budget.
         """
@@ -183,7 +183,7 @@ class Proofs:
         return self.gap * max(abs(privacy), tolerances.PROOF_FLOOR)
 
     def _status(self, privacy: float, bound: float, kept: DecisionStatus) -> DecisionStatus:
-        # Rounding of the sum that made the floor.
+        # With the rounding of the floor's sum.
         within = bound <= privacy + self._allowed(privacy) * (1.0 + tolerances.BUDGET_SAFETY)
         if kept not in _REPLACED and not (kept is DecisionStatus.NO_AFFORDABLE_PRIVACY and not within):
             return kept
@@ -193,7 +193,7 @@ class Proofs:
 
 
 def _spent(limit: float) -> float:
-    """The budget with the rounding that searches allow themselves."""
+    """The budget with the rounding that searches allow."""
     return limit * (1.0 + tolerances.BUDGET_SAFETY)
 
 

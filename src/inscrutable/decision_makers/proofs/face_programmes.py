@@ -37,7 +37,7 @@ class FaceProgrammes:
         asked = np.flatnonzero(tight)
         if not asked.size:
             return tight
-        # Directions from one of them along which as many rows as can be become slack, and the cost stays.
+        # Directions of constant cost from one of them along which the most rows become slack.
         count, width = asked.size, self.region.n_actions
         beside = self.tight_on(known[:1]) & ~tight
         gradient = belief @ self.costs
@@ -95,5 +95,5 @@ class FaceProgrammes:
 
 
 def _padded(matrix: Array, count: int) -> Array:
-    """Rows of a programme with further variables that they do not see."""
+    """Rows of a programme with further variables of coefficient 0."""
     return np.column_stack([matrix, np.zeros((len(matrix), count))])

@@ -1,10 +1,10 @@
 """Cells of beliefs in which no belief is the nearest that explains its decision, for costs that give their curvature.
 
-A decision counts with its nearest consistent belief, for which it is optimal too. Where fewer coordinates of a decision are
-free than a belief has, its consistent beliefs are a fibre that runs through many cells, and of them only those matter that
-can hold its nearest point. A cell cannot if for every decision that may be optimal there, and every belief that it may be
-optimal for, some direction along the fibre leads nearer. One direction is proposed for a cell; each decision has its own
-near that, as near as what the proposed one breaks of the decision's equations over their least singular value.
+The privacy of a decision is the distance of its nearest consistent belief. Where a decision has fewer free coordinates than a
+belief, its consistent beliefs form a polytope, the *fibre* over the decision, which runs through many cells; only cells that
+may hold its nearest point matter. A cell cannot hold one if, for every decision optimal in it and every belief there, some
+direction along the fibre leads nearer to the true belief. One direction is proposed for a cell; the distance of each decision's
+own direction from it is at most the residual in the decision's equations over their least singular value.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ class Fibres:
         self._free: dict[bytes, Array | None] = {}
 
     def passes(self, corners: np.ndarray, near: Nearness) -> np.ndarray:
-        """Return for cells (C,X) whether all fibres pass through without a nearest point; False where there is no proof."""
+        """Return for cells (C,X) whether no fibre has its nearest point there; False where that is not proved."""
         found = np.zeros(len(corners), dtype=np.bool_)
         known = self.cells.known
         n_states, n_free = self.cells.problem.n_states, self.cells.form.basis.shape[1]
         met = known.slacks[corners].min(axis=1) <= near.near[:, None] + tolerances.FEASIBILITY
-        # With too few rows there are decisions that one belief alone explains.
+        # With too few active rows one belief alone explains a decision.
         known_well = np.isfinite(near.near + near.sum + near.gradients)
         hopeful = np.flatnonzero((met.sum(axis=1) > n_free - n_states + 1) & known_well)
         sure = np.zeros_like(met)
@@ -70,8 +70,7 @@ class Fibres:
         return found
 
     def distances(self, index: np.ndarray) -> Array:
-        """Upper bounds (N,) of the distance to the beliefs that explain the decisions of points: one step along each one's
-        fibre."""
+        """Upper bounds (N,) of the distance to the consistent beliefs of points' decisions: one step along each fibre."""
         known, points = self.cells.known, self.cells.points
         beliefs = points.beliefs[index]
         found = np.linalg.norm(beliefs - points.belief, axis=1)
@@ -167,6 +166,6 @@ def _proposed(belief: Array, beliefs: Array, along: Array, bounds: Array) -> Arr
     at_border = beliefs.min(axis=1) <= tolerances.FEASIBILITY
     wishes = np.concatenate([toward[:, None], bounds.mean(axis=1), border], axis=1) @ along.transpose(0, 2, 1)
     wishes /= np.maximum(np.linalg.norm(wishes, axis=2, keepdims=True), tolerances.TINY)
-    # An entry that a cell does not need repeats its first one.
+    # Unused entries repeat the first one.
     wishes[:, -n_states:] = np.where(at_border[:, :, None], wishes[:, -n_states:], wishes[:, :1])
     return np.asarray(np.einsum("ck,ckx->cx", directions_to(np.zeros(along.shape[1]), wishes), along))

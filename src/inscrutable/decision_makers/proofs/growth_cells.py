@@ -6,10 +6,10 @@ conditions of optimality are broken by
 
     R = Σ_{j<l} θ_j θ_l {Σ_k r_k (W_k(y)/w̃_k) (w_jk − w_lk)²/(w_jk w_lk) − Σ_i (y_ji − y_li)(∇c_i(u_j) − ∇c_i(u_l))},
 
-where W_k(y)/w̃_k, a ratio of linear functions, lies between its values at the corners. Monotony of the slopes gives
-Σ_k W_k (w*_k − w̃_k)²/(w*_k w̃_k) ≤ R·(u* − ũ) + c, with c as for quadratic costs and no more wealth w*_k than C allows,
-and once u* is known to be near ũ, no more than that allows. What the multipliers cost a decision that leaves a row which is
-tight at all corners, λ·slack(u*), counts too: at least λ·slack²/(most slack). In a horse race R is zero: u*(π) = π is linear.
+where W_k(y)/w̃_k, a ratio of linear functions, lies between its values at the corners. Monotonicity of the gradients gives
+Σ_k W_k (w*_k − w̃_k)²/(w*_k w̃_k) ≤ R·(u* − ũ) + c, with c as for quadratic costs and w*_k at most the largest wealth in C,
+or, once u* is known to be near ũ, the largest wealth near ũ. For a row that is active at all corners the term λ·slack(u*) is
+added, at least λ·slack²/(largest slack). In a horse race R is zero: u*(π) = π is linear.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.problems import KellyProblem
 from inscrutable.validation import Array
 
-_ROUNDS = 3  # in which wealth and slacks are bounded by earlier bounds
+_ROUNDS = 3  # of tightening the bounds of wealth and slacks by each other
 
 
 def whitened_growth(problem: KellyProblem) -> Whitened | None:
@@ -52,7 +52,7 @@ class _Spread(NamedTuple):
     least: Array  # (C,K) wealth
     most: Array  # (C,K)
     ratios: Array  # (C,J,K) weight over wealth
-    lean: np.ndarray  # (C,) whether hardly any wealth is left somewhere
+    lean: np.ndarray  # (C,) whether wealth is near zero in some outcome
 
 
 class GrowthCells(SmoothCells):
@@ -75,12 +75,12 @@ class GrowthCells(SmoothCells):
 
     @property
     def bends(self) -> bool:
-        """False: in a corner's outcomes decisions may be tied, and hardly any wealth may be left."""
+        """False: decisions may be tied in a corner's outcomes, and wealth may be near zero."""
         return False
 
     def is_blind(self, regrets: Array, near: Nearness) -> np.ndarray:
-        """Return which cells (C,) need bounds by optimal costs: where hardly any wealth is left, where a corner's outcomes
-        do not distinguish all decisions, and where cells are so large that nothing is known yet."""
+        """Return which cells (C,) need bounds by optimal costs: where wealth is near zero, where a corner's outcomes do not
+        distinguish all decisions, and where the cell is too large for other bounds."""
         return np.asarray(~np.isfinite(near.near) | (regrets.max(axis=(1, 2)) <= 0.0))
 
     def _traits(self, actions: Array, beliefs: Array) -> Array:
@@ -106,7 +106,7 @@ class GrowthCells(SmoothCells):
         """Return how near interpolations are on cells (C,J)."""
         known, spread, pairs = self.known, self._spread(corners), edges(corners.shape[1])
         broken, wild = self._broken(corners, spread, pairs)
-        # Twice, because rows count as tight that are so up to rounding.
+        # Twice, because rows count as active up to rounding.
         loose, share = 2.0 * self.spare(corners, pairs), pair_share(corners.shape[1])
         residuals = known.residuals[corners].max(axis=1)
         top = np.broadcast_to(self._largest, spread.most.shape)
@@ -126,7 +126,7 @@ class GrowthCells(SmoothCells):
             reach = np.linalg.norm(np.einsum("rf,cfg->crg", self.form.rows, roots), axis=2) * near[:, None]
             rooms = np.where(sure[:, None], np.clip(reach, self._touch, rooms), rooms)
         slopes = np.linalg.norm(np.einsum("cjf,cfg->cjg", known.slopes[corners], roots), axis=2)
-        # The slope at the interpolated decision is the interpolated one, and what that is off.
+        # The gradient at the interpolated decision is the interpolated one plus its error.
         own = self.points.belief[self._states] * self._shares
         slopes += np.einsum("k,ck,ck->c", own, self._slope_gaps(spread), lengths)[:, None]
         found = Nearness(
@@ -189,7 +189,7 @@ class GrowthCells(SmoothCells):
         away = places[:, :, None] - places[:, None]
         at_corners = regrets[:, None, :] + np.einsum("cjkf,ckf->cjk", away, slopes)
         own = self.points.belief[self._states] * self._shares
-        # The tangent at the mean decision; and the chord, less what a logarithm may rise above its own.
+        # The tangent at the mean decision; and the chord minus the largest gap between the logarithm and its chord.
         means = spread.wealth.mean(axis=1, keepdims=True)
         gained = np.einsum("k,cjk->cj", own, (spread.wealth - means) / means)
         at_mean = (regrets + np.log(spread.wealth) @ own).mean(axis=1) - np.log(means[:, 0]) @ own

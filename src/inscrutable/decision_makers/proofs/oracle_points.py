@@ -14,8 +14,8 @@ LEVELS_TRIED = len(_TRIED)
 
 
 class OraclePoints:
-    """Beliefs with optimal cost and the state costs of an optimal decision; on the way to each from the true belief, at
-    shares τ = 1 − 2^−l of it, the optimal cost alone.
+    """Beliefs with optimal cost and the state costs of an optimal decision; at shares τ = 1 − 2^−l of the ray to each from the
+    true belief, the optimal cost alone.
 
     Costs are those above the costs of one decision v, the optimal one for the belief in the middle: a constant added to all
     costs in a state changes none of them.
@@ -36,7 +36,7 @@ class OraclePoints:
         self.scale = 0.0
         """Largest expected size of a cost seen: costs in states that a belief rules out do not count."""
         self.rounding = 0.0
-        """Largest rounding of an expected cost seen, which is relative to the cost before that of v is taken off."""
+        """Largest rounding of an expected cost seen, relative to the cost before that of v is subtracted."""
         self._common = problem.state_costs(problem.solve_points(np.full(n_states, 1.0 / n_states)))
         self.add(np.vstack([belief, others]))
         self.optimal_cost = float(self.values[0])
@@ -44,7 +44,7 @@ class OraclePoints:
 
     @property
     def allowance(self) -> float:
-        """How far an optimal cost as computed may lie above the true one."""
+        """The largest error of a computed optimal cost, which is above the true one."""
         return max(self.problem.cost_accuracy * self.scale, 10.0 * self._shortfall) + self.rounding
 
     def ask(self, beliefs: Array) -> tuple[Array, Array]:
@@ -86,7 +86,7 @@ class OraclePoints:
         return np.array([self._between[key] for key in keys], dtype=np.intp)
 
     def look_on_the_way(self, corners: np.ndarray, levels: np.ndarray) -> None:
-        """Make V known at the level (C,) of each cell's corners (C,X)."""
+        """Compute V at the level (C,) of each cell's corners (C,X)."""
         points = np.repeat(corners, 1, axis=1).ravel()
         asked = np.column_stack([points, np.repeat(levels, corners.shape[1])])
         asked = np.unique(asked[np.isnan(self.on_the_way[asked[:, 0], asked[:, 1]])], axis=0)
@@ -116,6 +116,6 @@ class OraclePoints:
             lower = self.on_the_way[corners, level[:, None]][:, :, None] - self.allowance
             columns.append((lower - share * upper) / (1.0 - share) - self.optimal_cost)
         found = np.concatenate(columns, axis=2)
-        # Regret is at least zero, which is used where a value on the way is not known for all corners.
+        # Where a value on a ray is missing for some corner: the regret is at least 0.
         found[np.isnan(found).any(axis=1, keepdims=True).repeat(found.shape[1], axis=1)] = 0.0
         return found

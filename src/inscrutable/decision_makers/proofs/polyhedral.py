@@ -21,7 +21,7 @@ from inscrutable.validation import Array
 
 _MOST_TRIALS = 64
 _MOST_ATOMS = 16
-_SHARES = (tolerances.SLACK_SAFETY, 0.001, 0.01, 0.1)  # of each tied decision: kinks of costs may need more than rows
+_SHARES = (tolerances.SLACK_SAFETY, 0.001, 0.01, 0.1)  # of each tied decision; kinks may need more than rows
 
 
 class PolyhedralProof(NamedTuple):
@@ -33,7 +33,7 @@ class PolyhedralProof(NamedTuple):
     values: TiedValues
 
     def single(self, found: Decision, limit: float) -> tuple[Decision, float]:
-        """Return the best decision met and the supremum."""
+        """Return the best decision found and the supremum."""
         for place in islice(self.values.affordable(limit), _MOST_TRIALS):
             if self.values.privacies[place] <= found.privacy + tolerances.NO_PRIVACY:
                 break
@@ -45,7 +45,7 @@ class PolyhedralProof(NamedTuple):
         return found, max(self.values.single(limit), found.privacy)
 
     def lottery(self, found: MixedDecision, limit: float) -> tuple[MixedDecision, float]:
-        """Return the best lottery met and the supremum."""
+        """Return the best lottery found and the supremum."""
         bound = self.values.lottery(limit)
         atoms = Atoms(self.problem, self.belief, self.measure, found)
         for place in bound.places[:_MOST_ATOMS]:
@@ -53,7 +53,7 @@ class PolyhedralProof(NamedTuple):
                 if self.problem.constraints.is_admissible(action):
                     atoms.take(action)
         improved = atoms.lottery(found, limit)
-        # One decision may beat all mixtures of those met so far.
+        # One decision may beat all mixtures of those found so far.
         own = decision_for(
             self.problem, self.belief, self.problem.solve_points(self.belief), self.measure, DecisionStatus.OPTIMAL
         )
@@ -81,6 +81,6 @@ def proof_for(
 ) -> PolyhedralProof:
     """Return the proof for one belief."""
     linear = problem.linear_form()
-    # Levels of a cost may rise where their state has no weight: what is tied in a lift's variables need not be a decision.
+    # A lift's epigraph variables are not determined where their state has probability 0: ties there are not decisions.
     faces = None if linear is None or linear.lift is not None else FaceProgrammes(linear)
     return PolyhedralProof(problem, belief, measure, TiedValues(cells, faces, belief, reference))

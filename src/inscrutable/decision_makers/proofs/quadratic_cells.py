@@ -6,7 +6,7 @@ belief. At y = Σ θ_j y_j the interpolated decision ũ is feasible, its conditi
     R = Σ_{j<k} θ_j θ_k (H(y_j) − H(y_k))(u_j − u_k)   and   c = Σ_{jk} θ_j θ_k λ_j·slack(u_k),
 
 so the optimal decision u*(y) is near: m‖u* − ũ‖² ≤ ‖R‖‖u* − ũ‖ + c with the least curvature m. A regret, convex in the
-decision, is then at least its tangents at ũ less its slope times how near that is. Lengths are measured by the mean
+decision, is at least its value at ũ minus its gradient's norm times that distance. Lengths are measured by the mean
 curvature of the states, inside the equalities of C.
 """
 
@@ -75,7 +75,7 @@ class QuadraticCells(SmoothCells):
         known = self.known
         places, slopes, regrets = known.places[corners], known.slopes[corners], known.regrets[corners]
         pairs = edges(corners.shape[1])
-        # Tangents at the corners' decisions and at their mean; and the chord, less what a square falls below its own.
+        # Tangents at the corners' decisions and at their mean; and the chord minus the largest gap to the quadratic.
         away = places[:, :, None] - places[:, None]
         at_corners = regrets[:, None, :] + np.einsum("cjkf,ckf->cjk", away, slopes)
         apart = places[:, pairs[:, 0]] - places[:, pairs[:, 1]]

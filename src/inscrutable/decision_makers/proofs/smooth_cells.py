@@ -1,8 +1,8 @@
 """Bounds of decisions between the corners of a cell of beliefs, where costs are convex and give their curvature.
 
-Let u_j be the optimal decisions at a cell's corners y_j and ũ their interpolation at y. Where the conditions of optimality
-that ũ breaks are bounded, and the costs' curvature from below, the optimal decision u*(y) is near ũ; so are all states'
-gradients there, and regrets. Each kind of costs has bounds of its own; proofs use them in the same way.
+Let u_j be the optimal decisions at a cell's corners y_j and ũ their interpolation at y. Where the residual of the optimality
+conditions at ũ is bounded from above and the costs' curvature from below, the optimal decision u*(y) is near ũ, and so are all
+states' gradients and regrets. Each kind of costs has its own bounds; proofs use them in the same way.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from inscrutable.validation import Array
 class Whitened(NamedTuple):
     """A problem in coordinates v of its decisions, u = B v + const, in which the mean of the states' curvatures is one.
 
-    Inequality rows R v ≤ const have unit length; of equal ones the tightest is kept, and none that nothing moves.
+    Inequality rows R v ≤ const have unit length; of equal ones the tightest is kept, and constant rows are dropped.
     """
 
     basis: Array  # B (U,F)
@@ -40,25 +40,25 @@ class Corners(NamedTuple):
     slopes: Array  # (N,F) of the regret under the true belief
     multipliers: Array  # (N,R)
     slacks: Array  # (N,R)
-    residuals: Array  # (N,) what is left of the conditions of optimality
+    residuals: Array  # (N,) residual of the optimality conditions
     regrets: Array  # (N,)
     traits: Array  # (N,·) further data of a kind of costs
 
 
 class Nearness(NamedTuple):
-    """How near what holds at every belief of a cell is to the interpolation of its corners; infinite where not known."""
+    """Largest distances from the interpolation of a cell's corners over its beliefs; infinite where not known."""
 
     near: Array  # (C,) the decision
     sum: Array  # (C,) the belief's mean of the gradients
     gradients: Array  # (C,) all states' gradients together
-    regrets: Array  # (C,J) by how much a regret may be less than that of the interpolated decision, linear on the cell
+    regrets: Array  # (C,J) largest shortfall of a regret below the interpolated decision's, linear on the cell
 
     def pick(self, which: np.ndarray) -> Nearness:
         """Return that of some cells."""
         return Nearness(self.near[which], self.sum[which], self.gradients[which], self.regrets[which])
 
     def where(self, sure: np.ndarray) -> Nearness:
-        """Return the same, infinite but where a cell (C,) is sure."""
+        """Return the same, infinite except where a cell (C,) is sure."""
         near, total, gradients = (np.where(sure, part, np.inf) for part in self[:3])
         return Nearness(near, total, gradients, np.where(sure[:, None], self.regrets, np.inf))
 
@@ -185,7 +185,7 @@ def pair_share(n_corners: int) -> float:
 
 
 def complement(rows: Array, size: int) -> Array:
-    """An orthonormal basis (U,F) of the directions that rows (R,U) do not see."""
+    """An orthonormal basis (U,F) of the null space of rows (R,U)."""
     if not len(rows):
         return np.eye(size)
     _, sizes, directions = np.linalg.svd(rows, full_matrices=True)

@@ -1,8 +1,8 @@
 """The beliefs cut into cells on which one decision is optimal, where the optimal cost is piecewise linear.
 
-V is the least of the state costs' values s_v·π over finitely many decisions v. With some of them known, their least value
-is above V, and linear on each of its cells; V is concave, so where both agree at all corners of a cell they agree on it.
-Corners are asked one by one, and what is cheaper there is taken in, until nothing is: then the cells are those of V.
+V is the minimum of s_v·π over finitely many decisions v. The minimum over the known ones is an upper bound of V, linear on
+each of its cells; V is concave, so where both agree at all corners of a cell they agree on it. The oracle is asked at the
+corners and cheaper decisions are added, until there are none: then the cells are those of V.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from inscrutable.validation import Array
 
 _FLOOR = -3.0  # below the normalised costs, which lie between 0 and 1
 _MOST_ROUNDS = 200
-_SURE = 40  # calls after which a problem with a decision for nearly every belief is taken for one with curved costs
+_SURE = 40  # calls after which a problem with a new decision for nearly every belief counts as curved
 _BENT = 0.7
 _TRIED_SHARE = 0.1  # of the oracle calls, where costs may be curved
 _BLOCK_ENTRIES = 20_000_000
-_MOST_CORNERS = 1e9  # that a polytope of so many sides may have; those that are met have far fewer
+_MOST_CORNERS = 1e9  # upper bound of the corners of a polytope with so many facets; in practice there are far fewer
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,14 +32,14 @@ class Subdivision:
     costs: Array  # (K,X) state costs of decisions that are optimal on a cell, above those of one decision
     actions: Array  # (K,U)
     corners: Array  # (W,X) of all cells
-    tied: np.ndarray  # (W,K) what may be optimal at a corner
-    members: np.ndarray  # (W,K) what is surely optimal there
+    tied: np.ndarray  # (W,K) whether a decision may be optimal at a corner
+    members: np.ndarray  # (W,K) whether it surely is
     scale: float  # of costs
-    rounding: float  # of costs, which is relative to what they are before those of one decision are taken off
+    rounding: float  # of costs, relative to their size before those of one decision are subtracted
 
     @property
     def on_border(self) -> np.ndarray:
-        """Which corners (W,) leave out some state: decisions may be tied there that are optimal nowhere else."""
+        """Which corners (W,) give some state probability 0: decisions may be tied there that are optimal nowhere else."""
         return np.asarray((self.corners <= 0.0).any(axis=1))
 
 
@@ -84,7 +84,7 @@ class Subdivider:
         return not self.surely_linear and self.calls >= _SURE and len(self._costs) > _BENT * self.calls
 
     def _ask(self, beliefs: Array) -> bool:
-        """Take in the decisions that are cheaper than all known at some of the beliefs (T,X); whether there are any."""
+        """Add the decisions that are cheaper than all known at some of the beliefs (T,X); return whether there are any."""
         self.calls += len(beliefs)
         self._asked.update(_key(belief) for belief in beliefs)
         actions = self.problem.solve_points(beliefs)
@@ -120,7 +120,7 @@ def cells_of(problem: DecisionProblem, most_calls: int) -> tuple[Subdivision | N
     """Return the cells of a problem whose optimal cost is piecewise linear, and the calls of the oracle; None where it is
     not, or where they would be too many."""
     linear = problem.linear_form()
-    # Where costs are less exact, a small cell would be taken for an error.
+    # With less accurate costs a small cell could not be told from an error.
     hopeless = problem.quadratic_form() is not None or problem.cost_accuracy > tolerances.COST_ACCURACY
     if linear is None and (hopeless or problem.costs_are_unique):
         return None, 0
@@ -139,7 +139,7 @@ def _corners(costs: Array, scale: float) -> Array | None:
     if n_states == 1:
         return np.ones((1, 1))
     least = costs.min(axis=0)
-    # A cost that all decisions share moves no border.
+    # A cost that all decisions share moves no boundary.
     known = (costs - least) / max(float((costs - least).max()), tolerances.SHARED_DECISION * scale, tolerances.TINY)
     unit = np.eye(n_states - 1)
     rows = np.vstack(

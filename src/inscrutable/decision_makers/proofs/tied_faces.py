@@ -1,8 +1,8 @@
-"""Mixtures of tied vertices: decisions that only the beliefs on a border between cells explain.
+"""Mixtures of tied vertices: decisions that only the beliefs on a boundary between cells explain.
 
-On the relative interior of a face the consistent set is the same, the cell of the face's tied vertices, and the regret is
-linear: of all mixtures on a face those nearest to one of its vertices are enough. Each leaves the vertex by as little as an
-observer notices, the feasible set's `min_slack`.
+On the relative interior of a face the consistent set is constant, the cell of the face's tied vertices, and the regret is
+linear: of all mixtures on a face those nearest to one of its vertices are enough. Each is as near to the vertex as
+`min_slack` of the feasible set allows.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
 """Privacies of decisions that are optimal for the same beliefs: the exact frontier of a piecewise linear optimal cost.
 
-What explains a decision is a face of the cells of V. Of all that are optimal at a corner w, mixtures of all of them are
-explained by the fewest beliefs, the face of which w is a corner and on which the same decisions are tied; and one of them
-costs as little above the cheapest of them as one likes. So to be far from a belief, one point (regret, distance) for every
-corner gives all suprema. Where a budget is exactly the least regret r at w, nothing is missed by leaving w out: on the way from
-the belief to what explains the decisions of regret r, at its nearest point, others are tied that cost less. To be near a
-target nothing is better than the decisions of whole cells.
+The consistent set of a decision is a face of the cells of V. Of the decisions optimal at a corner w, a mixture of all has the
+smallest consistent set: the face at w on which the same decisions are tied. Its regret may be arbitrarily close to the least
+one of them. So for the largest distance from a belief, one point (regret, distance) per corner gives all suprema. A corner
+whose least regret is exactly the budget can be left out: on the segment from the belief to the nearest consistent belief,
+cheaper decisions are tied. For the least distance to a target the decisions of whole cells are best.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ class TiedValues(RatedPoints):
         self.exact = np.zeros(len(self.regrets), dtype=np.bool_)
 
     def refine(self, place: int) -> None:
-        """Make the privacy of a place exact; until then it is from above."""
+        """Make the privacy of a place exact; until then it is an upper bound."""
         if not self.exact[place]:
             self.privacies[place] = min(self.privacies[place], self._privacy(place))
             self.exact[place] = True
@@ -61,14 +60,14 @@ class TiedValues(RatedPoints):
     def affordable(self, limit: float) -> Iterator[int]:
         """Yield the places of a regret below `limit`, their privacies exact and falling."""
         rounding = -self._rounding if self.reference.sign > 0 else self._rounding
-        if limit > 0:  # without a budget only what costs nothing is affordable, whatever is lost in rounding
+        if limit > 0:  # with a budget of 0 only regrets of 0 are affordable, up to rounding
             rounding += self._noise
         return self.falling(float(np.nextafter(limit + rounding, -np.inf)))
 
     def single(self, limit: float) -> float:
         """Return the supremum over single decisions of a regret of at most `limit`."""
         first = next(self.affordable(limit), None)
-        # Without a budget only what is optimal for the true belief too.
+        # With a budget of 0 only decisions that are optimal for the true belief too.
         return 0.0 if first is None else float(self.privacies[first])
 
     def lottery(self, limit: float) -> Supremum:
@@ -96,7 +95,7 @@ class TiedValues(RatedPoints):
     def _privacy(self, place: int) -> float:
         cells, point = self.cells, self.reference.point
         if self.reference.sign < 0:
-            # From below: fewer members would be farther.
+            # A lower bound: the corners may be more than the members.
             return -nearest(cells.corners[cells.tied[:, place]], point)[1]
         tied = cells.tied[place]
         away = float(np.linalg.norm(cells.corners[place] - point))

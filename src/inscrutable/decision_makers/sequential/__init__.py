@@ -1,1 +1,1 @@
-"""The sequential rule, step by step: it decides by the observer's law of the belief."""
+"""The sequential rule: each step depends on the observer's law of the belief."""

@@ -1,10 +1,10 @@
 """Prices at which a sequential rule spends a long-run mean regret, found by simulating the observer's law.
 
-Every trial draws the same random numbers, so that the mean regret moves with the price alone. What is drawn is the path of
-the observer's law: u_t by its probability under p_t, so that no belief need be drawn and every step's mean regret is exact. Of
-decisions that are never shown nothing is simulated: they cost nothing and reveal nothing.
-The mean of p_t over all paths is the prior, so that linear functions of p_t have known means: they serve as control variates,
-which leave a tenth of a standard error (Glasserman, Monte Carlo Methods in Financial Engineering, 2003, section 4.1).
+Every trial draws the same random numbers, so that the mean regret depends on the price alone. The path of the observer's law
+is drawn: u_t by its probability under p_t; no belief is drawn, and every step's mean regret is exact. Decisions that are
+never disclosed are not simulated: they cost nothing and reveal nothing. The mean of p_t over all paths is the prior, so that
+linear functions of p_t have known means: as control variates they reduce the standard error tenfold (Glasserman, Monte Carlo
+Methods in Financial Engineering, 2003, section 4.1).
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from inscrutable.validation import Array
 _LOGGER = logging.getLogger(__name__)
 
 _SHARES = (float("inf"), 1.0, 0.3, 0.1, 0.03)
-"""Prices of information that are tried, in units of the prior loss per nat; infinite: information alone counts. Nothing is
-gained by 0.01 and 0 (.138 and .137 against .137 on a chain that rests, three states), which take three times as long as all
+"""Prices of information that are tried, in units of the prior loss per nat; infinite: information alone counts. Prices 0.01
+and 0 gain nothing (.138 and .137 against .137 on a resting chain of three states) and take three times as long as all
 others."""
 _PATHS = 2  # simulated at a time, on as many threads
 _COARSE, _FINE, _LAST = 40, 150, 1000  # steps of each path: to compare prices, to find one, and to measure it
 _SKIPPED = 20  # first steps, in which the observer knows less than in the long run
 _BATCH = 50  # steps whose mean counts as one observation: several times the memory of a law
-_NEAR, _LEAP, _NARROW = 0.02, 0.1, 1.02  # regrets that are near enough, that leap, and prices that are one
+_NEAR, _LEAP, _NARROW = 0.02, 0.1, 1.02  # relative: regrets near enough, regrets that jump, equal prices
 _MOST_TRIALS = 12
 _DOUBLINGS = 24
 
@@ -57,7 +57,7 @@ class _Market(NamedTuple):
     law: ChainLaw
     limit: float
     draws: Array  # (P,T) uniform numbers
-    reads: Array | None = None  # (P,T,period) the same for what everybody reads; None where nothing is public
+    reads: Array | None = None  # (P,T,period) the same for the public symbols; None where nothing is public
 
 
 def calibrated(
@@ -97,14 +97,14 @@ def calibrated(
         try:
             long = _refined(market, told, (ends[0], ends[1]))
             return replace(long, loss=long.loss + table.floor)
-        except SolverError as error:  # longer simulations meet laws that short ones did not
+        except SolverError as error:  # longer simulations reach laws that short ones did not
             if not found:
                 raise
-            _LOGGER.warning("information_price %.4g was given up for the next best: %s", told, error)
+            _LOGGER.warning("information_price %.4g was replaced by the next best: %s", told, error)
 
 
 def _silence(table: StepTable) -> float:
-    """The least mean regret a step of one value for all beliefs; infinite where caps allow none to all."""
+    """The least mean regret a step of a constant value; infinite where the cap allows none to all beliefs."""
     regrets = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
     held = table.prior.weights > 0
     return float((table.prior.weights[held] @ regrets[held]).min()) / table.period
@@ -131,7 +131,7 @@ def tried(market: _Market, prices: Prices, n_steps: int) -> PriceTrial:
 
 
 def _slopes(controls: Array, values: Array) -> Array:
-    """Regression of values (V,T) on controls (C,T), shape (C,V); none where the law hardly moves and both are constant."""
+    """Regression of values (V,T) on controls (C,T), shape (C,V); 0 where the law hardly moves and both are constant."""
     centred = controls - controls.mean(axis=1, keepdims=True)
     ridge = tolerances.STILL_CONTROL * controls.shape[1] * np.eye(len(controls))
     return np.asarray(np.linalg.solve(centred @ centred.T + ridge, centred @ values.T))
@@ -150,8 +150,7 @@ def _controls(table: StepTable) -> Array:
 
 
 def _followed(rule: StepRule, law: ChainLaw, draws: Array, reads: Array | None) -> Array:
-    """Mean regret, mean loss and bits, a step each, of all decisions shown along the observer's path, and the control
-    variates, shape (3+C,T)."""
+    """Mean regret, mean loss, bits and control variates of every disclosed step along the observer's path, shape (3+C,T)."""
     controls, stakes = _controls(rule.table), rule.table.stakes
     found = np.empty((3 + len(controls), len(draws)))
     state, kept, step = law.start(), -1, None
@@ -165,7 +164,7 @@ def _followed(rule: StepRule, law: ChainLaw, draws: Array, reads: Array | None) 
             step.bits / rule.table.period,
         )
         found[3:, t] = controls @ law.weights(state)
-        order = np.argsort(step.numbers)  # near laws then draw alike
+        order = np.argsort(step.numbers)  # nearby laws then draw the same
         levels = step.played[order].cumsum()
         atom = order[min(int(np.searchsorted(levels, draw * levels[-1], side="right")), len(order) - 1)]
         kept = int(step.numbers[atom])
@@ -179,7 +178,7 @@ def _followed(rule: StepRule, law: ChainLaw, draws: Array, reads: Array | None) 
 
 
 def _bracket(market: _Market, told: float, silence: float, n_steps: int) -> tuple[PriceTrial, PriceTrial]:
-    """Trials of regrets above and below the limit, as near as they come; equal where one is near enough."""
+    """Trials with regrets above and below the limit; equal where one is near enough."""
     unit = 1.0 if np.isinf(told) else market.table.unit + told
     price = unit / silence if np.isfinite(silence) else unit / market.limit
     low = high = None
@@ -220,7 +219,7 @@ def _between(limit: float, low: PriceTrial, high: PriceTrial) -> float:
 
 
 def _share(limit: float, low: PriceTrial, high: PriceTrial) -> float:
-    """How often the lower price must be played for the limit to be met."""
+    """The probability of the lower price at which the mean regret is the limit."""
     return float(np.clip((limit - high.regret) / max(low.regret - high.regret, np.finfo(float).tiny), 0.0, 1.0))
 
 
@@ -252,9 +251,9 @@ def _nearest(limit: float, trials: Sequence[PriceTrial]) -> PriceTrial:
 
 
 def _approached(market: _Market, prices: Prices, slope: float, n_steps: int, most: int) -> tuple[PriceTrial, float]:
-    """The nearest to the limit of some trials of so many steps, and d log regret / d log price as it was seen last.
+    """The nearest to the limit of some trials of so many steps, and the last slope d log regret / d log price.
 
-    Regrets of shorter or longer trials are off by another error, so that they bracket nothing here.
+    Trials of another length have another error, so that their regrets are no bracket here.
     """
     limit, trials = market.limit, list[PriceTrial]()
     low = high = None
@@ -276,7 +275,7 @@ def _approached(market: _Market, prices: Prices, slope: float, n_steps: int, mos
 
 
 def _met(found: PriceCalibration) -> PriceCalibration:
-    """The same, where the simulated regret is the budget or less; the status says which."""
+    """The same with the status CALIBRATED or BELOW; raises `SolverError` where the regret is above the budget."""
     apart, near = found.regret - found.budget, max(_NEAR * found.budget, 3.0 * found.regret_se)
     if apart > near:
         raise SolverError(
@@ -287,7 +286,7 @@ def _met(found: PriceCalibration) -> PriceCalibration:
 
 
 def _slope(one: PriceTrial, other: PriceTrial) -> float:
-    """d log regret / d log price, of trials with the same draws; −1 where they are too near, or silent."""
+    """d log regret / d log price of two trials with the same draws; −1 where they are too near, or one is constant."""
     apart = np.log(other.price / one.price)
     if abs(apart) < tolerances.SAME_PRICES or not min(one.regret, other.regret) > 0:
         return -1.0

@@ -1,7 +1,7 @@
 """An upper bound of every causal rule: the one-shot loss with the long-run law as the prior.
 
-V1(r) = max_K {E L : E ρ ≤ r} is concave in r and in the prior together, so that the mean loss of any rule whose decisions are
-seen exactly and at once is at most V1 of its mean regret. Any price s and estimates μ bound it:
+V1(r) = max_K {E L : E ρ ≤ r} is jointly concave in r and the prior, so that the mean loss of any rule whose decisions are
+disclosed exactly and at once is at most V1 of its mean regret. Any price s and estimates μ bound it:
 
     V1(r) ≤ Σ_b p_b max_m (g_b(μ_m) − s ρ_bm) + s r,
 
@@ -26,11 +26,11 @@ _FORBIDDEN = 1_000_000.0
 _INSIDE = 0.1
 """Share of the way between two prices that a new one keeps from either."""
 _BESIDE = 0.95
-"""Factor of the price that is tried instead of one whose step was not solved."""
+"""Factor to the next price where a step was not solved."""
 
 
 class _Bound(NamedTuple):
-    """The bound at a price, convex in it, and its slope: the limit less the regret that is spent there."""
+    """The bound at a price, convex in it, and its slope: the limit minus the regret at that price."""
 
     price: float
     value: float
@@ -86,7 +86,7 @@ def _bound(table: StepTable, price: float, limit: float) -> _Bound | None:
 
 
 def _all_estimates(table: StepTable, step: Step, price: float) -> Array:
-    """Estimates after all decisions: of those that are not played the ones that tempt least."""
+    """Estimates after all decisions: for those of probability 0 the ones with the largest least reduced cost."""
     stakes, numbers, estimates = step.stakes, step.numbers, step.estimates
     levels = (stakes.gains(estimates) - price * table.regrets[:, numbers]).max(axis=1)
     offers = stakes.base[:, None] - price * table.regrets - levels[:, None]
@@ -103,7 +103,7 @@ def _all_estimates(table: StepTable, step: Step, price: float) -> Array:
 
 
 def _mixed_answers(stakes: Stakes, some: Array, paid: Array) -> Array:
-    """The mixed answers (M,d) to every decision that tempt least: of some (n,d), or of all where these tempt."""
+    """The mixed answers (M,d) to every decision of the largest least reduced cost: of some (n,d), or of all if needed."""
     pool = np.unique(some, axis=0)
     gains = stakes.gains(pool) - stakes.base[:, None]
     worst, which = least_tempting_answer(gains, paid)

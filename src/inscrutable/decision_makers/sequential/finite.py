@@ -1,4 +1,4 @@
-"""The sequential rule as a mechanism with a memory, where the observer can come to hold finitely many laws."""
+"""The sequential rule as a mechanism with a memory, where the observer can reach finitely many laws."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class FiniteStatus(Enum):
 
     Example:
         >>> FiniteStatus.FINITE.value
-        'finite: every law that the observer can come to hold is a memory'
+        'finite: every law that the observer can reach is a memory'
     """
 
-    FINITE = "finite: every law that the observer can come to hold is a memory"
-    TOO_MANY = "too many: more laws than asked for can come about, perhaps without end; ask for more, or play the rule"
+    FINITE = "finite: every law that the observer can reach is a memory"
+    TOO_MANY = "too many: the observer can reach more laws, perhaps infinitely many; ask for more or use the rule"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -35,14 +35,14 @@ class FiniteRule(Summarised):
     """A sequential rule as a mechanism with a finite memory, or the reason why it has none.
 
     Args:
-        mechanism: Its memory is the law that the observer holds before a decision, and the decision before; it is public. None
-            where the laws are too many.
+        mechanism: Its memory is the observer's law before a decision, and the decision before; it is public. None where the
+            laws are too many.
         laws: The laws that were found, shape (N,B), in the order of the memories.
         status: Whether these are all.
 
     Example:
         >>> FiniteRule(None, np.full((1, 2), 0.5), FiniteStatus.TOO_MANY)
-        laws found: 1; too many: more laws than asked for can come about, perhaps without end; ask for more, or play the rule
+        laws found: 1; too many: the observer can reach more laws, perhaps infinitely many; ask for more or use the rule
     """
 
     mechanism: MemoryMechanism | None
@@ -67,7 +67,7 @@ class _Memory(NamedTuple):
 
 @dataclass
 class _Found:
-    """Memories found so far, and what is played under each."""
+    """Memories found so far, and the step of each."""
 
     memories: list[_Memory] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
@@ -91,7 +91,7 @@ def finite_rule(table: StepTable, law: ChainLaw, calibration: PriceCalibration, 
         place = len(found.steps)
         price, state, kept = found.memories[place]
         step = rules[price].step(law.weights(state), kept)
-        after = np.full(len(step.numbers), place)  # where the observer's law rules a decision out, it stays as it is
+        after = np.full(len(step.numbers), place)  # a decision of probability 0 leaves the law unchanged
         for atom in np.flatnonzero(step.played >= tolerances.RARELY_PLAYED):
             ahead = law.moved(law.seen(state, step.rows[:, atom]))
             after[atom] = found.number(_Memory(price, ahead, int(step.numbers[atom])))

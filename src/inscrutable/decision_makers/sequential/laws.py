@@ -1,4 +1,4 @@
-"""The observer's law of the present belief, and how it moves from step to step."""
+"""The observer's law of the present belief, and its dynamics."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ class ChainLaw:
 
     @property
     def n_public(self) -> int | None:
-        """How many symbols everybody may read at a step; None where nothing is public."""
+        """Number of public symbols at a step; None where nothing is public."""
         return None if self.chain.public is None else len(self._forwards)
 
     def symbols(self, public: Any, n_steps: int) -> np.ndarray:
-        """Return what everybody read in so many steps as symbols: of real numbers, one row a step, the cells that they are in.
+        """Return the public information of so many steps as symbols: for real numbers, one row a step, their cells.
 
         Raises `InputError` where it is neither, or of another length.
         """
         if self.n_public is None:
-            raise InputError("public was given, but the rule's chain knows of no public information")
+            raise InputError("public was given, but the rule's chain has no public information")
         cells = self.chain.cells
         is_real = cells is not None and np.ndim(public) == 2
         read = cells.symbols(public) if cells is not None and is_real else symbols(public, self.n_public, "public")
@@ -48,11 +48,11 @@ class ChainLaw:
 
     @property
     def is_still(self) -> bool:
-        """Whether no belief ever moves, and nothing is read of it either."""
+        """Whether no belief ever changes, and nothing is public."""
         return self.chain.public is None and bool((self.chain.transition.diagonal() >= 1.0).all())
 
     def start(self) -> Array:
-        """Return the law before the first decision, and before anything is read."""
+        """Return the law before the first decision and the first public symbol."""
         return np.array(self.chain.prior.weights)
 
     def seen(self, state: Array, shares: Array) -> Array:
@@ -61,14 +61,14 @@ class ChainLaw:
         return np.asarray(found / found.sum())
 
     def moved(self, state: Array, read: int | None = None) -> Array:
-        """Return the law one step later, given the symbol that everybody read then: p T_z.
+        """Return the law one step later, given the public symbol then: p T_z.
 
         Raises `InputError` where the symbol has probability 0.
         """
         found = self._forwards[0 if read is None else read] @ state
         total = found.sum()
         if not total > 0:
-            raise InputError(f"public {read} has probability 0 after all that was published and read")
+            raise InputError(f"the public symbol {read} has probability 0, given the earlier decisions and symbols")
         return np.asarray(found / total)
 
     def later(self, state: Array, n_steps: int) -> Array:
@@ -78,7 +78,7 @@ class ChainLaw:
         return state
 
     def drawn(self, state: Array, uniform: float) -> int | None:
-        """Return the symbol that is read one step later, by inversion of its law; None where nothing is public."""
+        """Return the public symbol one step later, drawn by inversion of its law; None where nothing is public."""
         if self.n_public is None:
             return None
         sums = np.cumsum([(each @ state).sum() for each in self._forwards])

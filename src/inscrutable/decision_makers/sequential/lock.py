@@ -1,4 +1,4 @@
-"""One process at a time on a file: a lock beside it, which the system takes back when the process ends, however it ends."""
+"""One process at a time on a file: a lock beside it, which the system releases when the process ends in any way."""
 
 from __future__ import annotations
 

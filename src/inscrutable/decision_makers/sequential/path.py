@@ -19,15 +19,15 @@ class PathDecisions(Summarised, Saved):
 
     Args:
         actions: u_t, shape (T,U); (T,) whole numbers where decisions are finite choices.
-        regrets: ρ(π_t,u_t), what they cost, shape (T,), in the cost's unit.
+        regrets: ρ(π_t,u_t), shape (T,), in the cost's unit.
         observer_means: The observer's estimates E[π_t | what is seen by step t], shape (T,X).
-        losses: The loss that the observer expects then, shape (T,): E[‖π_t − mean_t‖² | what is seen], or another.
+        losses: The observer's expected loss then, shape (T,): E[‖π_t − mean_t‖² | what is seen], or another.
         bits: I(π_t; u_t | u_0..u_{t−1}) of the step under the observer's law before it, shape (T,).
         status: Where the prices come from.
         expected_regrets: Mean regret of the step under the observer's law before it, shape (T,).
         own_regrets: The same under the belief itself, shape (T,).
-        n_off_grid: Steps whose belief is none of the law's: the observer's law then misses it, and the calibration does not
-            cover its regret.
+        n_off_grid: Steps whose belief is not on the law's grid: the observer's law does not contain it, and the calibration
+            does not count its regret.
         lost: The observer's loss in words.
 
     Source: Bayes' rule at every step.
@@ -67,5 +67,5 @@ class PathDecisions(Summarised, Saved):
             f"information       {self.bits.mean():.4f} bits a step",
         ]
         if self.n_off_grid:
-            lines.append(f"off the grid      {self.n_off_grid} beliefs, which the observer's law does not have")
+            lines.append(f"off the grid      {self.n_off_grid} beliefs, which the observer's law does not contain")
         return "\n".join([*lines, f"prices            {self.status.value}"])

@@ -32,11 +32,11 @@ class PriceStatus(Enum):
 
     CALIBRATED = "calibrated: the simulated long-run regret is the budget"
     MIXED_PRICE = (
-        "mixed: the long-run regret jumps over the budget as the price moves, so one of two prices is drawn once, before the "
+        "mixed: the long-run regret jumps over the budget as the price changes, so one of two prices is drawn once, before the "
         "first step, and is public; the budget holds on average over that draw"
     )
-    BELOW = "below: the simulated long-run regret is under the budget; a cap, or few decisions, can keep it from being spent"
-    SILENT = "silent: the budget pays for one constant decision, which reveals nothing"
+    BELOW = "below: the simulated long-run regret is under the budget; a cap, or too few decisions, may be the cause"
+    SILENT = "silent: the budget affords the best constant decision, which reveals nothing"
     GIVEN = "given: the prices were not calibrated, so no long-run regret is promised"
 
 
@@ -55,7 +55,7 @@ class PriceCalibration(Summarised, Saved):
         loss_se: Its standard error.
         bits: Simulated information a step.
         budget: The regret asked for.
-        status: How the prices came about.
+        status: Where the prices come from.
         lost: The observer's loss in words.
 
     Raises:
@@ -93,11 +93,11 @@ class PriceCalibration(Summarised, Saved):
 
     @classmethod
     def at(cls, regret_price: float, information_price: float) -> PriceCalibration:
-        """Return given prices, of which nothing was simulated."""
+        """Return given prices, without a simulation."""
         return cls(np.array([validation.non_negative(regret_price, "regret_price")]), information_price, np.ones(1))
 
     def prices(self, index: int) -> Prices:
-        """Return the prices of one of the draws."""
+        """Return the prices of one draw."""
         return Prices(float(self.regret_prices[index]), float(self.information_price))
 
     def summary(self) -> str:

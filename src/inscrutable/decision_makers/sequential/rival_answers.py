@@ -1,7 +1,7 @@
-"""A rival whose answers are not finitely many, as a step of the sequential rule meets it: with some of them.
+"""A rival with infinitely many answers, of which a step of the sequential rule uses a few.
 
 Its costs are linear in the belief, so that after a decision it loses V(y) = min_a y·s(a), y the mean belief when it answers,
-times how often the decision comes. What is lost is that of its best answers, by `solve`, whichever are there.
+times the decision's probability. The loss is always that of its best answers, by `solve`, whichever are in use.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False)
 class RivalAnswers:
-    """A rival and what the answers that are there cost it."""
+    """A rival and the state costs of the answers in use."""
 
     rival: DecisionProblem  # without costs that all its answers share
-    expected: Array  # (J,B,X): the belief at each step in which it answers, times the probability of what it then reads
-    costs: Array  # (X,A): of answers; others join before the last
+    expected: Array  # (J,B,X): the expected belief at each step in which it answers, times the symbols' probability
+    costs: Array  # (X,A): of answers; further ones are inserted before the last
     common: Array  # (B,): the costs that all answers share
-    spare: Array  # (B,): what is lost where the belief of now is known
-    n_first: int = 0  # answers that stay, beside the last
+    spare: Array  # (B,): the loss where the present belief is known
+    n_first: int = 0  # permanent answers, beside the last
 
     @classmethod
     def of(cls, loss: DecisionLoss, expected: Array, weights: Array) -> Self:
@@ -45,12 +45,12 @@ class RivalAnswers:
         return replace(made, costs=_different(made.costs, costs)).begun()
 
     def begun(self) -> Self:
-        """Return the same, where all answers that are there stay."""
+        """Return the same, with all answers permanent."""
         return replace(self, n_first=self.costs.shape[1] - 1)
 
     @property
     def directions(self) -> Array:
-        """Half of what the last answer costs more than each other, shape (A−1,X)."""
+        """Half the difference between the last answer's cost and each other's, shape (A−1,X)."""
         return np.asarray(0.5 * (self.costs[:, -1:] - self.costs[:, :-1]).T)
 
     @property
@@ -59,14 +59,14 @@ class RivalAnswers:
         return np.hstack(list(self.expected @ self.directions.T))
 
     def lost(self, joint: Array) -> Array:
-        """Return what is lost after each of n decisions, times how often it comes, from their joint law (B,n) with beliefs."""
+        """Return the loss after each of n decisions, times its probability, from their joint law (B,n) with beliefs."""
         sums, costs = self._best(joint)
         return np.asarray(joint.T @ self.common + (sums * costs).sum(axis=(0, 2)))
 
     def joined(self, joint: Array, least: float, shares: Array | None = None) -> Self | None:
-        """Return the same with the best answers after decisions where one saves at least so much; None where none does.
+        """Return the same with the best answers after decisions that save at least so much; None where none does.
 
-        Of those that had joined before, the ones that are hardly mixed with shares (…,A−1) leave.
+        Answers added before with small probabilities in `shares` (…,A−1) are removed.
         """
         sums, costs = self._best(joint)
         held = sums.sum(axis=2)
@@ -78,14 +78,14 @@ class RivalAnswers:
         return replace(self, costs=_different(known.costs, costs[missing]))
 
     def mixed(self, shares: Array, first: Self) -> Self:
-        """Return others' first answers, and these that joined and are mixed with shares (…,A−1)."""
+        """Return the permanent answers of `first`, and these added answers that have a probability in `shares` (…,A−1)."""
         place = np.arange(self.costs.shape[1] - 1)
         some = (place >= first.n_first) & (shares.max(axis=tuple(range(shares.ndim - 1))) > tolerances.HARDLY_MIXED)
         kept = np.append(np.arange(first.n_first), -1)
         return replace(first, costs=_different(first.costs[:, kept], self.costs[:, :-1].T[some]))
 
     def _best(self, joint: Array) -> tuple[Array, Array]:
-        """Laws of the belief after each decision, times how often it comes, and the best answers' costs: both (J,n,X)."""
+        """Beliefs after each decision, times its probability, and the best answers' costs: both (J,n,X)."""
         sums = joint.T @ self.expected
         held = sums.sum(axis=2) > 0
         costs = np.zeros_like(sums)
@@ -95,7 +95,7 @@ class RivalAnswers:
 
 
 def _different(known: Array, costs: Array) -> Array:
-    """Known answers (X,A), and before the last of them those of some (n,X) that cost other than all before."""
+    """Known answers (X,A), with those of some (n,X) that differ in cost from all inserted before the last."""
     found = list(known.T)
     least = tolerances.NO_ERROR * float(np.abs(costs).max(initial=0.0))
     for each in costs:

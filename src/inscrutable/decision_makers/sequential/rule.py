@@ -1,4 +1,4 @@
-"""The sequential rule: at each step it decides by the observer's law of the belief."""
+"""The sequential rule: each step depends on the observer's law of the belief."""
 
 from __future__ import annotations
 
@@ -36,44 +36,45 @@ from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 
 _CANDIDATES = 500
-"""Decoys where no candidates are given: as many again change the error by less than its standard error, and every step takes
-twice as long (three states, twelve assets)."""
+"""Decoys where no candidates are given: twice as many change the error by less than its standard error and double the time of
+every step (three states, twelve assets)."""
 
 
 class SequentialDecisionMaker(Described):
-    """The sequential rule: it hides a belief that moves, and decides by the observer's law of it.
+    """The sequential rule: it hides a belief that moves over time from an observer of all decisions.
 
-    Formula: at every step K_t = argmax_K E[L(p_u)] − s E[ρ(π,u)] − λ I(π;u) under the law p_t of the belief that an observer of
-    all earlier decisions holds, with L(p_u) = E[‖π − E[π|u]‖² | u] or another `loss` of its law after u; then p_{t+1} is p_t
-    after Bayes' rule with K_t(u_t|·), one step later. Where one decision for certain is optimal, it is played and reveals
-    nothing. The prices s and λ are fixed, and such that the long-run mean regret is the budget. With `information_price`
-    infinite, K_t = argmax_K −s E[ρ(π,u)] − I(π;u).
+    Formula: at every step K_t = argmax_K E[L(p_u)] − s E[ρ(π,u)] − λ I(π;u). The expectations are under p_t, the observer's law
+    of the belief given all earlier decisions; p_u is this law after decision u, and L(p_u) the observer's loss then:
+    E[‖π − E[π|u]‖² | u], or another `loss`. Bayes' rule with K_t(u_t|·) and one step of the chain give p_{t+1}. Where a
+    constant decision is optimal it is played and reveals nothing. The prices s and λ are fixed; the long-run mean regret is
+    the budget. With `information_price` infinite, K_t = argmax_K −s E[ρ(π,u)] − I(π;u).
 
-    K_t depends on p_t alone, so that an observer can know it. As long as the belief moves as the chain says, repeated
-    decisions do not reveal anew what they have revealed: on a belief that stays, by a chain that says so, only the first
-    decision reveals anything. The rule is greedy in p_t: `ceiling` is an upper bound of every rule.
+    K_t depends on p_t alone, so that an observer can compute it. If the belief moves as the chain says, a later decision does
+    not reveal again what an earlier one revealed: on a belief that never changes only the first decision reveals anything. The
+    rule is greedy in p_t; `ceiling` is an upper bound of the loss under every rule.
 
     Args:
         problem: The decision problem.
         budget: The long-run mean regret: `Budget.regret(r)`, or a share of E|c*| under the chain's prior.
-        chain: How the belief moves, a `BeliefChain`; its prior is the observer's law before the first decision. Where it
-            has public symbols, p_t is also given those, and every step begins with `observe`.
-        world: Instead of a chain, a world whose observations the agent filters: the chain is then `filtered_chain` of it on a
-            grid of at most 500 beliefs. Real numbers that are public are read as cells, with the error that `summary` states.
+        chain: The Markov chain of the belief, a `BeliefChain`; its prior is the observer's law before the first decision. Where
+            it has public symbols, p_t is also given those, and every step begins with `observe`.
+        world: Instead of a chain, the hidden Markov model whose observations the agent filters: the chain is then
+            `filtered_chain` of it on a grid of at most 500 beliefs. Public real numbers are discretised to cells, with the
+            error that `summary` states.
         candidates: Decisions to choose from; None is about 500 decoys and the cheapest constant decision. Where they cannot
-            meet the budget or the cap, the optimal decisions of the chain's beliefs join them.
+            meet the budget or the cap, the optimal decisions of the chain's beliefs are added.
         loss: The observer's loss: the square error of its estimate of the belief, `SquaredError()` or None; or that of a
-            rival, `NamingError()` or `RivalProblem(problem)`. Where its answers are not finitely many, each step begins with
-            a few, and its best answers to what is played join until none saves a millionth of the prior loss.
+            rival, `NamingError()` or `RivalProblem(problem)`. For a rival with infinitely many answers each step starts with a
+            few and adds its best answers to the decisions until none saves a millionth of the prior loss.
         information_price: λ, in loss per nat; infinite where information alone counts; None: the best of several. A price
-            below a thousandth of the prior loss is taken as that.
+            below a thousandth of the prior loss is raised to that.
         worst_regret: A cap on the regret of every single decision, as a share of |c*(π)| or a `Budget`; None is no cap.
-        disclosure: How decisions become public, a `Disclosure`; None: exactly and at once. Decisions that are shown alike are
-            then one, of which each belief plays the cheapest; a decision that is never shown is the best under the belief; the
-            observer's loss counts from when a decision is seen until the next one is. Where public symbols are read meanwhile,
-            a rival with few answers is taken to read them; a square error, or a rival with many, is taken not to, whose error
-            is no smaller. What `decide_path` returns counts them.
-        calibration: Prices that were found before for the same problem, chain and budget; None: they are found at first use.
+        disclosure: How decisions become public, a `Disclosure`; None: exactly and at once. Decisions with the same disclosed
+            value are one to the observer; each belief plays the cheapest of them. Undisclosed decisions are optimal ones. The
+            observer's loss counts from the disclosure of a decision to the next one. Public symbols in between are used by
+            a rival with few answers; in the objective the square error, and a rival with many answers, ignore them, which can
+            only overestimate the loss. `decide_path` counts them.
+        calibration: Prices found before for the same problem, chain and budget; None: they are found at first use.
         rng: The source of the simulated calibration, and of the draw between two prices.
 
     Raises:
@@ -82,9 +83,9 @@ class SequentialDecisionMaker(Described):
         SolverError: At first use: no price was found at which the budget is met, or a step was not solved to its gap.
 
     Cost: some milliseconds a step for 500 beliefs and 500 candidates. The calibration simulates some thousand steps: half a
-    minute to a minute, or ten seconds where information alone counts. Where a rival's answers are not finitely many, and
-    information does not alone count, a step takes some 10 ms for ten beliefs and five decisions, and five to eight seconds
-    for 91 beliefs and 66 decisions: for small worlds. Save it, and pass it as `calibration` the next time.
+    minute to a minute, or ten seconds where information alone counts. With a rival of infinitely many answers and a finite
+    `information_price`, a step takes some 10 ms for ten beliefs and five decisions, and five to eight seconds for 91 beliefs
+    and 66 decisions. Save `calibration`, and pass it the next time.
 
     Source: Tanaka, Esfahani, Mitter, LQG control with minimum directed information (2018), and Kamenica and Gentzkow, Bayesian
     persuasion (2011), for one step.
@@ -141,7 +142,7 @@ class SequentialDecisionMaker(Described):
 
     @property
     def beliefs(self) -> Array:
-        """The beliefs that laws are on, shape (B,X)."""
+        """The grid of beliefs, the support of all laws, shape (B,X)."""
         return self.chain.prior.beliefs
 
     @cached_property
@@ -175,21 +176,21 @@ class SequentialDecisionMaker(Described):
 
     @cached_property
     def ceiling(self) -> float:
-        """No causal rule on these decisions and beliefs has a larger long-run mean loss at the budget, in expectation.
+        """An upper bound of the observer's long-run mean loss under every causal rule on these decisions, beliefs and budget.
 
-        Under the rule's disclosure: decisions that are never shown cost nothing, so that others have their budget too.
+        It counts the rule's disclosure: a decision that is never disclosed costs nothing, and its budget goes to the others.
         """
         return ceiling_of(self.table, self.limit * self.table.period)
 
     @cached_property
     def law(self) -> ChainLaw:
-        """How the observer's law moves."""
+        """The dynamics of the observer's law."""
         return ChainLaw(self.chain)
 
     def mechanism_for(self, law: Prior, before: Any = None) -> Mechanism:
         """Return K on the chain's beliefs and all decisions, where the observer holds `law` before the decision.
 
-        `before` is the decision of the step before, which ties go to; None where there is none.
+        `before` is the decision of the step before, which wins ties; None where there is none.
 
         Raises:
             InputError: The law is on other beliefs, or one of two prices is to be drawn first: ask the sequence that did.
@@ -203,10 +204,10 @@ class SequentialDecisionMaker(Described):
         return self.begin()
 
     def as_mechanism(self, most: int = 100) -> FiniteRule:
-        """Return the rule as a mechanism with a memory, where the observer can come to hold at most `most` laws.
+        """Return the rule as a mechanism with a finite memory, if the observer can reach at most `most` laws.
 
-        Laws that differ by no more than `tolerances.SAME_MEMORY` anywhere count as one; decisions that come less often than
-        `tolerances.RARELY_PLAYED` leave the memory as it is.
+        Laws that differ by no more than `tolerances.SAME_MEMORY` anywhere count as one; decisions of a probability below
+        `tolerances.RARELY_PLAYED` do not change the memory.
 
         Args:
             most: The largest number of memories, at least 1.
@@ -226,20 +227,20 @@ class SequentialDecisionMaker(Described):
             >>> chain = resting_chain(Prior(np.eye(2), [0.5, 0.5]), 0.8)
             >>> problem, rng = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), np.random.default_rng(0)
             >>> SequentialDecisionMaker(problem, Budget.regret(0.25), chain=chain, calibration=prices, rng=rng).as_mechanism()
-            laws found: 3; finite: every law that the observer can come to hold is a memory
+            laws found: 3; finite: every law that the observer can reach is a memory
         """
         if self.table.period > 1:
             raise InputError(
-                f"a mechanism with a memory plays alike at every step, and {self.disclosure} shows only some"
+                f"a mechanism with a memory is the same at every step, and {self.disclosure} shows only some decisions"
             )
         if self.law.n_public is not None:
             raise InputError(
-                "public information moves the observer's law, too, and no MemoryMechanism reads it: play the rule"
+                "the observer's law also depends on public information, which no MemoryMechanism has: use the rule itself"
             )
         return finite_rule(self.table, self.law, self.calibration, validation.count(most, "most"))
 
     def begin(self) -> DecisionSequence:
-        """Return a new sequence of decisions; where one of two prices is to be drawn, each sequence draws its own."""
+        """Return a new sequence of decisions; of two prices each sequence draws its own."""
         return DecisionSequence(self, self._rng)
 
     def decide_path(
@@ -248,9 +249,9 @@ class SequentialDecisionMaker(Described):
         """Return drawn decisions along a path of beliefs (T,X), in the order of time, and the observer's estimates.
 
         Args:
-            beliefs: π_t, shape (T,X); those that are not of the chain's beliefs are counted.
-            public: The symbols that everybody read before each decision, shape (T,), or real numbers, one row a step, where
-                the chain's symbols are cells of such; None where nothing is public.
+            beliefs: π_t, shape (T,X); `n_off_grid` counts those that are not among the chain's beliefs.
+            public: The public symbols before each decision, shape (T,), or real numbers, one row a step, where the chain's
+                symbols are cells of such; None where nothing is public.
             rng: The source of the draws.
 
         Raises:
@@ -290,7 +291,7 @@ class SequentialDecisionMaker(Described):
         )
 
     def summary(self) -> str:
-        """Return a few lines for a person to read; the prices are found where they are not known yet."""
+        """Return a few lines for a person to read; finds the prices first if needed."""
         most = loss_text(self.ceiling, str(self.loss))
         read = "" if self.chain.cells is None else f"\npublic numbers        {self.chain.cells}"
         return (
@@ -316,7 +317,7 @@ def _chain_of(world: Any, rng: np.random.Generator) -> BeliefChain | None:
 
 
 def _finest(n_states: int) -> int:
-    """The finest grid of no more than so many points."""
+    """The finest grid with at most the default number of points."""
     resolution = 1
     while grid_size(n_states, resolution + 1) <= _CANDIDATES:
         resolution += 1
@@ -337,7 +338,5 @@ def _checked_chain(chain: Any, made: Any, problem: DecisionProblem) -> BeliefCha
 def _checked_disclosure(given: Any) -> Disclosure:
     found = Disclosure.of(given)
     if found.needs_returns:
-        raise InputError(
-            f"the rule cannot go by {found}: what is seen of a decision must follow from the decision alone"
-        )
+        raise InputError(f"the rule cannot use {found}: what is disclosed must be a function of the decision alone")
     return found

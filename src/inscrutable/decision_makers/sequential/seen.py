@@ -1,4 +1,4 @@
-"""A step under a disclosure: which decisions look alike, and the observer's information when they are seen."""
+"""A step under a disclosure: which decisions look alike, and the observer's estimates when they are disclosed."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from inscrutable.validation import Array
 
 
 class Classes(NamedTuple):
-    """Decisions as they are shown: those that look alike are one, of which every belief plays the cheapest that it may."""
+    """Classes of decisions with the same disclosed value, of which every belief plays the cheapest allowed one."""
 
-    values: Array  # (C,V) what is shown
-    place: np.ndarray  # (M,) as which a decision is shown
+    values: Array  # (C,V) the disclosed values
+    place: np.ndarray  # (M,) the class of each decision
 
     def cheapest(self, costs: Array) -> tuple[Array, np.ndarray]:
         """Return the least of costs (B,M) in every class, shape (B,C), and which decision has it."""
@@ -44,7 +44,7 @@ def classes_of(columns: Columns, disclosure: Disclosure) -> Classes:
 class Knowledge:
     """The estimates of an observer to whom all decisions come so many steps late, from the laws after every decision.
 
-    What everybody reads comes at once.
+    Public information comes at once.
     """
 
     def __init__(self, law: ChainLaw, lag: int, loss: Loss) -> None:

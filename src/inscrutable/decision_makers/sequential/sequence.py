@@ -29,8 +29,8 @@ class StepFigures(NamedTuple):
     regret: Mean regret under the observer's law, without knowledge of the belief, in the cost's unit.
     own_regret: The same under the belief itself; NaN before `decide`.
     bits: I(π;u) under the law.
-    loss: The observer's mean loss after the decision, under the law, such as the square error; where decisions are shown late
-        or not all, on average over the steps in which it is the latest known.
+    loss: The observer's mean loss after the decision, under the law, such as the square error; where decisions are disclosed
+        late or not all, on average over the steps in which it is the latest known.
     """
 
     regret: float
@@ -40,7 +40,7 @@ class StepFigures(NamedTuple):
 
 
 class Prepared(Protocol):
-    """What a sequence needs of its decision maker."""
+    """The interface of a sequence to its decision maker."""
 
     @property
     def table(self) -> StepTable:
@@ -62,9 +62,9 @@ class Prepared(Protocol):
 class DecisionSequence(Summarised, KeptInFile):
     """Successive decisions, with the observer's law of the belief; `SequentialDecisionMaker.begin` makes it.
 
-    At every step `decide` says what to draw from, any number of times; `publish` records the one decision that was drawn and
-    seen. Time passes with `observe`, or with the next `decide` or `publish`, where `observe` was left out. Where the chain has
-    public symbols, `observe` takes the one that everybody read, before each decision.
+    At every step `decide` returns the lottery, any number of times; `publish` records the one decision that was drawn and
+    published. Time passes with `observe`, or else with the next `decide` or `publish`. Where the chain has public symbols,
+    `observe` takes the one of the step, before each decision.
 
     Cost: the solve of a step, some milliseconds for 500 beliefs and 500 decisions. Source: see `SequentialDecisionMaker`.
 
@@ -110,12 +110,12 @@ class DecisionSequence(Summarised, KeptInFile):
 
     @property
     def calibration(self) -> PriceCalibration:
-        """The prices, of which `price_index` was drawn; public."""
+        """The prices, of which `price_index` was drawn; both are public."""
         return self._priced()[0]
 
     @property
     def price_index(self) -> int:
-        """Which of the calibration's prices is played."""
+        """Which of the calibration's prices is used."""
         return self._priced()[1]
 
     @property
@@ -124,12 +124,12 @@ class DecisionSequence(Summarised, KeptInFile):
 
     @property
     def beliefs(self) -> Array:
-        """The beliefs that laws are on, shape (B,X)."""
+        """The grid of beliefs, the support of all laws, shape (B,X)."""
         return self._table.prior.beliefs
 
     @property
     def observer(self) -> Prior:
-        """The law of the present belief given all published decisions that are ever shown, seen yet or not."""
+        """The law of the present belief given all published decisions that are ever disclosed, already or later."""
         return Prior(self.beliefs, self._law.weights(self._state))
 
     @property
@@ -144,14 +144,14 @@ class DecisionSequence(Summarised, KeptInFile):
 
     @property
     def is_off_grid(self) -> bool:
-        """Whether the belief last decided for in this step is none of `beliefs`, so that the observer's law misses it."""
+        """Whether the belief last decided for in this step is not among `beliefs`, and so not in the observer's law."""
         return self._is_off_grid
 
     @property
     def is_shown(self) -> bool:
-        """Whether the decision of this step will be seen; one that is not is the best under the belief."""
+        """Whether the decision of this step will be disclosed; if not, it is the optimal one."""
         passed = self.n_steps + self._published
-        if self._law.n_public is not None:  # what is read before the first decision counts as a step, too
+        if self._law.n_public is not None:  # the public symbol before the first decision counts as a step too
             passed = max(passed - 1, 0)
         return self._table.disclosure.schedule.shows(passed)
 
@@ -168,7 +168,7 @@ class DecisionSequence(Summarised, KeptInFile):
 
     @property
     def step(self) -> Step:
-        """What the present step plays, on the chain's beliefs and the values that can be seen."""
+        """The mechanism of the present step, on the chain's beliefs and the disclosed values."""
         return self._now()
 
     @property
@@ -181,7 +181,7 @@ class DecisionSequence(Summarised, KeptInFile):
 
         Args:
             law: The observer's law, on the chain's beliefs.
-            before: The decision seen last, or the value it was shown as, which ties go to; None: there is none.
+            before: The decision disclosed last, or its disclosed value, which wins ties; None: there is none.
 
         Raises:
             InputError: The law is on other beliefs, or `before` is malformed.
@@ -214,8 +214,8 @@ class DecisionSequence(Summarised, KeptInFile):
 
         Args:
             action: u, shape (U,); an int where decisions are finite choices.
-            as_nearest: Whether a decision that the rule could not have played counts as the nearest that it could; the law is
-                approximate from then on.
+            as_nearest: Whether a decision that the rule could not have played counts as the nearest one that it could have; the
+                law is approximate from then on.
 
         Raises:
             InputError: The decision is malformed, or the rule could not have played it; nothing is recorded then.
@@ -239,10 +239,10 @@ class DecisionSequence(Summarised, KeptInFile):
         self._published, self._looked = True, False
 
     def observe(self, public: int | ArrayLike | None = None) -> None:
-        """Let one step pass, at whose beginning everybody read `public`: None, nothing.
+        """Begin the next step, with the public information of that step.
 
-        Before the first decision it takes what was read then; a step that is observed twice passed without a decision. Where
-        the chain has public symbols, every step begins with the one that was read, before its decision.
+        Before the first decision it gives the information of the first step; a second call in a step ends it without a
+        decision. Where the chain has public symbols, every step begins with this call, before its decision.
 
         Args:
             public: The symbol, a whole number, or the real numbers (D,) where the chain's symbols are cells of such; None where
@@ -253,14 +253,14 @@ class DecisionSequence(Summarised, KeptInFile):
         """
         count = self._law.n_public
         if count is None and public is not None:
-            raise InputError(f"public must be None: the rule's chain knows of no public information, got {public!r}")
+            raise InputError(f"public must be None: the rule's chain has no public information, got {public!r}")
         if count is not None and self._law.chain.cells is not None and public is not None and np.ndim(public) == 1:
             public = int(self._law.symbols(np.asarray(public)[None], 1)[0])
         if count is not None:
             whole = isinstance(public, (int, np.integer)) and not isinstance(public, bool)
             if not whole or not 0 <= public < count:  # type: ignore[operator]
                 raise InputError(
-                    f"public must be a whole number from 0 to {count - 1}, what everybody read, got {public!r}"
+                    f"public must be the public symbol, a whole number from 0 to {count - 1}, got {public!r}"
                 )
         if self._published or self._looked or count is not None:
             self._pass(None if public is None else int(public))  # type: ignore[arg-type]
@@ -274,7 +274,9 @@ class DecisionSequence(Summarised, KeptInFile):
 
     def _now(self) -> Step:
         if self._law.n_public is not None and (self._published or not self._looked):
-            raise InputError("what everybody read at this step comes before its decision: call observe(public)")
+            raise InputError(
+                "the public information of this step comes before its decision: call observe(public) first"
+            )
         if self._published:
             self._pass()
         if self._step is None:
@@ -283,7 +285,7 @@ class DecisionSequence(Summarised, KeptInFile):
         return self._step
 
     def _place(self, action: Any) -> tuple[int, bool]:
-        """Which of this step's values is meant or nearest, and whether it is that one; a hidden decision has none."""
+        """The number of this step's value nearest to a decision, and whether it is exact; a hidden decision has none."""
         point = self._table.columns.problem.check_action(action)  # before time passes
         step = self._now()
         played = np.flatnonzero(step.played > 0)
@@ -291,7 +293,7 @@ class DecisionSequence(Summarised, KeptInFile):
         return int(played[place]), step.is_hidden or gap <= tolerances.SAME_ACTION
 
     def save(self, path: PathLike) -> None:
-        """Write what is remembered to `path`, whole or not at all, and keep other processes from it until `close`.
+        """Write the sequence's memory to `path`, all or nothing, and lock the file for other processes until `close`.
 
         No belief of the agent's is written, and no generator or seed.
 
@@ -318,7 +320,7 @@ class DecisionSequence(Summarised, KeptInFile):
         ).save(path)
 
     def load(self, path: PathLike) -> Self:
-        """Go on where the sequence saved at `path` stood, with its prices, and keep other processes from it until `close`.
+        """Continue the sequence saved at `path`, with its prices, and lock the file for other processes until `close`.
 
         Raises:
             InputError: The file is missing, damaged, of another version or another problem, or another process uses it; the
@@ -341,7 +343,7 @@ class DecisionSequence(Summarised, KeptInFile):
         try:
             problem_of(self._table, self._law, self._maker.limit).check(found.problem)
         except InputError as error:
-            raise InputError(f"{path} cannot be gone on with: {error}") from None
+            raise InputError(f"{path} cannot be continued: {error}") from None
         return found
 
     def summary(self) -> str:
@@ -355,5 +357,5 @@ class DecisionSequence(Summarised, KeptInFile):
         if not self.is_exact:
             lines.append(f"approximate     {self.n_approximate} decisions counted as the nearest that could be played")
         if self.n_off_grid:
-            lines.append(f"off the grid    {self.n_off_grid} beliefs, which the observer's law does not have")
+            lines.append(f"off the grid    {self.n_off_grid} beliefs, which the observer's law does not contain")
         return "\n".join([*lines, f"prices          {self.calibration.status.value}"])

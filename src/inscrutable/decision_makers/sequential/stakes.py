@@ -1,22 +1,22 @@
 """The observer's loss in the form that a step uses: points of the beliefs, and an estimate after every decision.
 
-With points x_b and an estimate μ the observer loses g_b(μ) = |x_b|² − 2 x_b·μ + h(μ), h(μ) = |μ|², where it is the square error
-that counts. A rival with answers 0 … A that each cost π·s(a) loses the same with h = 0, where μ are the shares of all answers
-but the last, x_ba = (π_b·s(A) − π_b·s(a))/2, and g_b(0) what the last costs beyond its best one: g_b is linear in the shares.
-Where a rival's answers are not finitely many, those are there that are best at a few means, and others join as steps need them.
+With points x_b and an estimate μ the observer loses g_b(μ) = |x_b|² − 2 x_b·μ + h(μ), with h(μ) = |μ|² for the square error. A
+rival with answers 0 … A of expected costs π·s(a) has the same form with h = 0: μ are the probabilities of all answers but the
+last, x_ba = (π_b·s(A) − π_b·s(a))/2, and g_b(0) is the last answer's cost above the best one; g_b is linear in μ. A rival with
+infinitely many answers starts with the best ones at a few means, and others are added as steps need them.
 
 A decision u_t that is shown at step t + d, the next one n steps later, is the latest that the observer knows of in steps
 t + d … t + d + n − 1. Its mean loss in these, as a function of the law p of π_t after the decision, is
 
     L(p) = (1/n) Σ_j L_0(T'^j p),   j = d … d + n − 1:
 
-again a loss of the same kind. Where everybody reads a symbol at every step, it is Σ_z L_0 of the law after each sequence z of j
-symbols, p T_z1 … T_zj, times its probability. A rival has an answer for each of them; where there are more than
-`_MOST_READINGS`, and of a square error, the loss of one who does not read them stands for it. That is no smaller; in 24 random
-steps (six beliefs, two symbols, one or two steps late) it made the square error's step fall short of the best by .1 % of the
-loss without decisions in the median, by 1.8 % at most.
+again a loss of the same kind. With a public symbol at every step it is Σ_z L_0 of the law after each sequence z of j symbols,
+p T_z1 … T_zj, times its probability. A rival has an answer for each of them. With more than `_MOST_READINGS` sequences, and
+for the square error, the loss of an observer without the symbols replaces it, which is no smaller. In 24 random steps (six
+beliefs, two symbols, one or two steps late) the step for the square error then fell short of the best by .1 % of the loss
+without decisions in the median, by 1.8 % at most.
 
-Of a square error the points are y_b = (E[x_{t+j} | b])_j / √n, and there is besides what is uncertain whatever is known of b; a
+For the square error the points are y_b = (E[x_{t+j} | b])_j / √n, and the uncertainty that is left when b is known is added; a
 rival has an answer for each j, with points (E[x_{t+j} | b])_j / n.
 """
 
@@ -39,23 +39,23 @@ from inscrutable.problems import FiniteProblem
 from inscrutable.validation import Array
 
 _MOST_READINGS = 30
-"""Answers of a rival to what it may have read: a step takes as many times as long as with one."""
+"""The most answers of a rival to sequences of symbols: the time of a step is proportional to their number."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stakes:
-    """Points of the beliefs and what goes with them."""
+    """Points of the beliefs and the loss on them."""
 
     points: Array  # x (B,d)
     base: Array  # g_b(0), (B,)
     spare: Array  # (B,): the loss that no present decision can reduce
-    width: int  # shares of a rival's answers less one; 0 for the square error
-    directions: Array  # (k,X): points are (π − centre)·directions where decisions are seen at once
+    width: int  # number of a rival's answers minus one; 0 for the square error
+    directions: Array  # (k,X): points are (π − centre)·directions where decisions are disclosed at once
     centre: Array  # (X,)
-    rival: RivalAnswers | None = None  # whose answers are not finitely many
+    rival: RivalAnswers | None = None  # a rival with infinitely many answers
 
     def lost(self, joint: Array) -> Array:
-        """Return L of the laws (n columns of B) that decisions leave, each times how often its decision comes: shape (n,)."""
+        """Return L of the laws (n columns of B) after decisions, each times the probability of its decision: shape (n,)."""
         if self.rival is not None:
             return self.rival.lost(joint)
         sums = joint.T @ self.points
@@ -98,7 +98,7 @@ class Stakes:
         return float(self.lost(law[:, None])[0])
 
     def floor(self, law: Array) -> float:
-        """Return what is lost under any decisions, from which a rival's loss is counted; 0 of a square error."""
+        """Return the loss under any decisions, from which a rival's loss is counted; 0 for the square error."""
         return float(law @ self.spare) if self.width else 0.0
 
     @property
@@ -108,20 +108,20 @@ class Stakes:
         return np.tile(single, (1, self.points.shape[1] // self.width))
 
     def begun(self, law: Array, least: float) -> Self:
-        """Return the same with a rival's best answers to a law (B,), where one saves at least so much of its loss."""
+        """Return the same with a rival's best answers to a law (B,) that save at least so much of its loss."""
         found = None if self.rival is None else self.rival.joined(law[:, None], least)
         return self if found is None else self._with(found.begun())
 
     def mixed(self, estimates: Array, first: Stakes) -> Stakes:
-        """Return the first stakes, and with them a rival's answers that are mixed in estimates (n,d) of these."""
+        """Return the first stakes with the rival's answers of these that have a probability in estimates (n,d)."""
         if self.rival is None or first.rival is None:
             return first
         return first._with(self.rival.mixed(self._blocks(estimates), first.rival))
 
     def joined(self, joint: Array, least: float, estimates: Array | None) -> Self | None:
-        """Return the same with a rival's best answers after decisions, of which one saves at least so much of its loss.
+        """Return the same with a rival's best answers after decisions that save at least so much of its loss.
 
-        Answers that joined before and are hardly mixed in the estimates (n,d) leave. None where no answer is missing.
+        Answers added before with small probabilities in the estimates (n,d) are removed. None where no answer is missing.
         """
         found = (
             None
@@ -139,7 +139,7 @@ class Stakes:
 
 
 def stakes_of(loss: Loss, chain: BeliefChain, schedule: Schedule) -> Stakes:
-    """Return what the observer's loss makes of a chain's beliefs where decisions are seen by a schedule.
+    """Return the points and loss of a chain's beliefs where decisions are disclosed by a schedule.
 
     Raises:
         InputError: The loss is that of a rival whose best answer is always the same.
@@ -163,16 +163,14 @@ def stakes_of(loss: Loss, chain: BeliefChain, schedule: Schedule) -> Stakes:
         else _convex(loss, chain, schedule)
     )
     if not made.loss_of(prior.weights) - made.floor(prior.weights) > _rounding(made):
-        raise InputError(
-            "the rival's best answer is the same whatever it knows of the belief: nothing is hidden from it"
-        )
+        raise InputError("the rival's best answer is the same under every belief: a hidden belief costs it nothing")
     return made
 
 
 def _finite_stakes(loss: Loss, rival: FiniteProblem, chain: BeliefChain, schedule: Schedule) -> Stakes:
     """The stakes of a rival with all its answers."""
     if rival.n_choices < 2:
-        raise InputError(f"{loss!r} has one answer whatever it knows of the belief: nothing is hidden from it")
+        raise InputError(f"{loss!r} has one best answer under every belief: a hidden belief costs it nothing")
     costs, prior = rival.costs, chain.prior
     directions = 0.5 * (costs[:, -1:] - costs[:, :-1]).T
     expected = _all_expected(prior.beliefs @ np.vstack([directions, costs[:, -1]]).T, chain, schedule)
@@ -197,15 +195,15 @@ def _rounding(stakes: Stakes) -> float:
 
 
 def _all_expected(values: Array, chain: BeliefChain, schedule: Schedule) -> list[Array]:
-    """What functions (B,k) of the belief are expected to be at each step in which a rival answers, and by all that it may have
-    read by then: times its share of these steps, and the probability of what is read."""
+    """Expected functions (B,k) of the belief at each step in which a rival answers and after each sequence of symbols until
+    then, times the step's share and the sequence's probability."""
     read = _read(values, chain, schedule)
     expected = _expected(values, chain, schedule) if read is None else read
     return [each / schedule.period for each in expected]
 
 
 def _expected(values: Array, chain: BeliefChain, schedule: Schedule) -> list[Array]:
-    """Return what functions (B,k) of the belief are expected to be at each step whose latest known decision is that of now."""
+    """Return the expected functions (B,k) of the belief at each step whose latest known decision is the present one."""
     found, step = [], values
     forward = sparse.csr_array(chain.transition)
     for number in range(schedule.lag + schedule.period):
@@ -217,7 +215,7 @@ def _expected(values: Array, chain: BeliefChain, schedule: Schedule) -> list[Arr
 
 
 def _read(values: Array, chain: BeliefChain, schedule: Schedule) -> list[Array] | None:
-    """Return the same for every sequence of public symbols, times its probability; None where nothing is read or too much."""
+    """Return the same for every sequence of public symbols, times its probability; None without symbols or with too many."""
     if chain.public is None or schedule.is_immediate:
         return None
     tables: list[Any] = [sparse.csr_array(each) for each in chain.public]

@@ -22,7 +22,7 @@ VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class SequenceProblem(Saved):
-    """What a sequence is of: beliefs, how they move, decisions, their state costs, the cap and the mean regret allowed."""
+    """The problem of a sequence: beliefs, their chain, decisions, state costs, the cap and the mean regret allowed."""
 
     beliefs: Array
     weights: Array
@@ -32,9 +32,7 @@ class SequenceProblem(Saved):
     cap: Array  # (2,): amount and whether it is relative; −1 for none
     limit: float
     disclosure: str = EXACT
-    rival: Array | None = (
-        None  # what its answers cost it, (A,X), or (…,) where they are not finite; None for the square error
-    )
+    rival: Array | None = None  # costs of its answers, (A,X), or (…,) if infinitely many; None for the square error
 
     def check(self, other: SequenceProblem) -> None:
         """Raise `InputError` where another differs by more than rounding."""
@@ -72,27 +70,27 @@ def _size(values: Array) -> float:
 
 
 def problem_of(table: StepTable, law: ChainLaw, limit: float) -> SequenceProblem:
-    """Return what a sequence on a table is of."""
+    """Return the problem of a sequence on a table."""
     cap = np.array([-1.0, 0.0] if table.cap is None else [table.cap.amount, float(table.cap.is_relative)])
     found, prior = table.columns, table.prior
     costs, shown = found.found.costs, str(table.disclosure)
     moves = law.chain.transition
     if law.chain.public is not None:
         moves = sparse.csr_array(sparse.hstack(list(law.chain.public)))
-    # Points of beliefs follow from what they cost a rival but for what its last answer costs, which moves nothing.
+    # A rival's points are differences of costs: a change of all its answers' costs changes nothing.
     stakes = table.stakes
     rival = stakes.directions if stakes.width else None
-    if stakes.rival is not None:  # what it loses where the belief is known, too
+    if stakes.rival is not None:  # also its loss at the known belief
         rival = np.hstack([stakes.directions.ravel(), stakes.spare])
     return SequenceProblem(prior.beliefs, prior.weights, moves, found.points, costs, cap, limit, shown, rival)
 
 
 @dataclass(frozen=True, eq=False)
 class SequenceState(Saved):
-    """What is saved of a sequence: no belief of the agent's, no generator and no seed.
+    """The saved memory of a sequence, without the agent's beliefs, generator or seed.
 
     It holds the observer's law, the prices, and the mean regrets under that law: an observer of the decisions can compute all
-    of it. Only `n_off_grid` is not, a count of beliefs off the grid.
+    of it except `n_off_grid`, the number of beliefs off the grid.
     """
 
     problem: SequenceProblem
@@ -108,7 +106,7 @@ class SequenceState(Saved):
     regret: float
     bits: float
     latest: Array | None = None  # (U,): the decision published last
-    n_steps: int = 0  # that have passed, which says whether the next decision is shown
+    n_steps: int = 0  # so far; decides whether the next decision is disclosed
     version: int = VERSION
 
     def __post_init__(self) -> None:

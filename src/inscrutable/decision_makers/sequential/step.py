@@ -23,12 +23,12 @@ from inscrutable.privacy import Loss
 from inscrutable.validation import Array
 
 _SMALL_PRICE = 0.03
-"""Share of the prior loss below which a price of information is approached from above: there the rows hardly mix, and a
-Newton step from far away says little."""
+"""Share of the prior loss below which a price of information is reached by continuation from above: there the rows are nearly
+pure, and Newton's steps from far away fail."""
 _MOST_ANSWERED = 30
-"""Rounds in which a rival's answers join: three to eight are usual."""
+"""Rounds in which a rival's answers are added: three to eight are usual."""
 _NEARER = 0.5
-"""Factor of the gap by which a round must come nearer for answers to leave."""
+"""Factor by which a round must reduce the gap for answers to be removed."""
 _Found = tuple[np.ndarray, Array, Array, float]
 """Decisions that are played, their law, the estimates after them, and the largest reduced cost of any other."""
 
@@ -42,10 +42,9 @@ class Prices(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StepTable:
-    """Beliefs (B,X) that the observer's law is on, decisions (M), shown as values (C), and the regret of each value under each
-    belief.
+    """Beliefs (B,X) of the observer's law, decisions (M), disclosed values (C), and the regret of each value under each belief.
 
-    A belief that plays a value plays the cheapest decision that is shown as it.
+    A belief that plays a value plays the cheapest decision with that disclosed value.
     """
 
     prior: Prior
@@ -55,22 +54,22 @@ class StepTable:
     optimal_costs: Array  # (B,)
     regrets: Array  # (B,C)
     allowed: np.ndarray | None  # (B,C)
-    cheapest: np.ndarray  # (B,C): the decision that a belief plays as a value
+    cheapest: np.ndarray  # (B,C): the decision that a belief plays for a value
     cap: Budget | None
     stakes: Stakes
 
     @property
     def n_values(self) -> int:
-        """C, how many values can be seen."""
+        """C, the number of disclosed values."""
         return len(self.classes.values)
 
     @property
     def period(self) -> int:
-        """How many steps pass from one decision that is shown to the next."""
+        """Number of steps from one disclosed decision to the next."""
         return self.disclosure.schedule.period
 
     def number(self, action: Any) -> int:
-        """Return the number of a value shown, or of the one a decision is shown as; −1 where there is none, or for None."""
+        """Return the number of a disclosed value, or of a decision's; −1 where there is none, or for None."""
         if action is None:
             return -1
         shown = np.asarray(action, dtype=np.float64).reshape(-1)
@@ -82,7 +81,7 @@ class StepTable:
         return place if gap <= tolerances.SAME_ACTION else -1
 
     def nearest(self, action: Any, numbers: np.ndarray) -> tuple[int, float]:
-        """Return which of some values (n,) is nearest to what a decision is shown as, and how near."""
+        """Return which of some values (n,) is nearest to a decision's disclosed value, and its distance."""
         problem = self.columns.problem
         shown = problem.check_action(action)
         if self.disclosure.maps:
@@ -91,7 +90,7 @@ class StepTable:
         return int(gaps.argmin()), float(gaps.min())
 
     def points_of(self, beliefs: Array, stakes: Stakes) -> Array:
-        """Return the points of beliefs (T,X), on the grid or not; those of the nearest belief where time passes until then."""
+        """Return the points of beliefs (T,X), on the grid or not; under a delay those of the nearest belief on it."""
         if self.disclosure.schedule.is_immediate:
             return np.asarray((beliefs - stakes.centre) @ stakes.directions.T)
         return np.asarray(stakes.points[self._tree.query(beliefs)[1]])
@@ -107,7 +106,7 @@ class StepTable:
 
     @property
     def floor(self) -> float:
-        """What losses are counted from."""
+        """The loss from which losses are counted."""
         return self.stakes.floor(self.prior.weights)
 
     @property
@@ -119,7 +118,7 @@ class StepTable:
 def step_table(
     chain: BeliefChain, columns: Columns, cap: Budget | None, disclosure: Disclosure | None, loss: Loss
 ) -> StepTable:
-    """Return what steps at any prices are made from."""
+    """Return the data of steps at any prices."""
     prior, shown = chain.prior, Disclosure.of(disclosure)
     costs = np.asarray(columns.problem.optimal_cost(prior.beliefs))
     classes = classes_of(columns, shown)
@@ -134,7 +133,7 @@ def _cheapest(
     regrets = columns.regrets(*beliefs)
     allowed = allowed_places(regrets, cap, beliefs[1])
     least, number = classes.cheapest(regrets)
-    # Whatever a cap forbids is dearer than what it allows.
+    # A forbidden decision is dearer than every allowed one, so the cheapest is allowed if any is.
     return least, None if allowed is None else np.take_along_axis(allowed, number, axis=1), number
 
 
@@ -142,8 +141,8 @@ def _cheapest(
 class Step:
     """The mechanism under a law p of the belief: K (B,n) over the values `numbers` (n,), and its leakage.
 
-    The law q (n,) of the decisions and the estimates (n,d), in coordinates of the stakes, say what a belief off the grid plays.
-    The value is within `gap` of the optimum, in units of the loss, or in nats where information alone counts.
+    The law q (n,) of the decisions and the estimates (n,d), in coordinates of the stakes, give the row of any belief. The value
+    is within `gap` of the optimum, in units of the loss, or in nats where information alone counts.
     """
 
     numbers: np.ndarray
@@ -153,10 +152,10 @@ class Step:
     gap: float
     played: Array  # Σ p K, (n,)
     regret: float  # Σ p K ρ
-    loss: float  # what the observer loses on average
+    loss: float  # the observer's mean loss
     bits: float  # I(π;u)
     stakes: Stakes
-    is_hidden: bool = False  # whether the decision is never shown, so that every belief plays its own best
+    is_hidden: bool = False  # whether the decision is never disclosed, so that every belief plays its optimal one
 
 
 class StepRule:
@@ -177,7 +176,7 @@ class StepRule:
         return float(tolerances.ANSWER_BARRIER * self.table.unit / (stakes.points.shape[1] + 1))
 
     def _data(self, stakes: Stakes) -> tuple[Any, ...]:
-        """What the kernel needs to know of a step with some answers."""
+        """The kernel's data of a step with some answers."""
         if self._informs_only:
             points, slopes = np.empty((0, len(stakes.points))), np.empty((self.table.n_values, 0))
         else:
@@ -192,17 +191,17 @@ class StepRule:
         return values if allowed is None else np.where(allowed, values, -np.inf)
 
     def step(self, law: Array, kept: int = -1, near: Step | None = None) -> Step:
-        """Return what is played under a law (B,); `kept` is the decision before, which a tie goes to.
+        """Return the mechanism under a law (B,); `kept` is the decision before, which wins ties.
 
-        `near` is the step of a law like this one, to begin with: the digits that the gap leaves open then depend on it.
+        `near` is the step of a similar law, a warm start: the answer may depend on it within the gap.
         """
         table = self.table
         heard = np.where(np.asarray(law) >= tolerances.UNHEARD_BELIEF, law, 0.0)
         heard /= heard.sum()
-        answers = table.stakes.rival is not None  # those of the near step are there from the first
+        answers = table.stakes.rival is not None  # those of the near step are the first ones
         is_near = (
             near is not None and table.allowed is None and (answers or not table.stakes.width)
-        )  # a barrier begins in the middle
+        )  # a barrier starts in the interior
         for start in (near, None) if is_near else (None,):
             stakes, found, rows, gap = self._answered(heard, kept, start)
             if gap <= self._largest_gap:
@@ -215,7 +214,7 @@ class StepRule:
         numbers, shares, estimates, _ = found
         lost = np.flatnonzero(~(rows.sum(axis=1) > 0))
         if lost.size:
-            # Beliefs of next to no weight to which no played decision is allowed play their own best decision.
+            # Beliefs of negligible weight to which no played decision is allowed play their own optimal one.
             own, first, which = np.unique(table.regrets[lost].argmin(axis=1), return_index=True, return_inverse=True)
             rows = np.hstack([rows, np.zeros((len(rows), len(own)))])
             rows[lost, len(numbers) + which] = 1.0
@@ -224,10 +223,10 @@ class StepRule:
         return _measured(table, law, rows, (numbers, shares, estimates, gap), stakes)
 
     def _answered(self, law: Array, kept: int, near: Step | None) -> tuple[Stakes, _Found, Array, float]:
-        """A step with the answers of a rival that it needs: these, what was found, the rows, and the gap.
+        """A step with a rival's answers: the stakes, the solution, the rows, and the gap.
 
-        A rival whose answers are not finitely many begins with its best ones to the law itself, and those to each decision
-        join, until none saves more than a share of the prior loss. The gap counts all of its answers.
+        A rival with infinitely many answers starts with its best ones to the law itself; its best answers to each decision are
+        added until none saves more than a share of the prior loss. The gap counts all of its answers.
         """
         stakes = self.table.stakes
         if self._informs_only or stakes.rival is None:
@@ -249,7 +248,7 @@ class StepRule:
             is_nearer = best is None or gap < _NEARER * best[-1]
             if best is None or gap < best[-1]:
                 best = stakes, found, rows, gap
-            # Answers leave only where the step came nearer, so that none comes back for ever.
+            # Answers are removed only where the gap fell, so that the rounds cannot cycle.
             more = stakes.joined(law[:, None] * rows, least, found[2] if is_nearer else None)
         assert best is not None
         return self._kept(law, kept, best)
@@ -257,7 +256,7 @@ class StepRule:
     def _kept(
         self, law: Array, kept: int, solved: tuple[Stakes, _Found, Array, float]
     ) -> tuple[Stakes, _Found, Array, float]:
-        """The same, or the decision before for certain where it is worth as much."""
+        """The same, or the decision before as a constant one where its value is as large."""
         stakes, found, rows, gap = solved
         allowed = np.ones(len(law), dtype=bool) if self.table.allowed is None else self.table.allowed[:, kept]
         if kept < 0 or not allowed[law > 0].all():
@@ -292,12 +291,12 @@ class StepRule:
         if near is not None:
             begun = near.numbers, near.law, near.estimates
         numbers, shares, estimates, excess = solved_step(law, StepData(*data), int(kept), *begun)
-        # The barrier is the same under all beliefs, so that the law can take it over.
+        # The barrier does not depend on the belief, so that it can be absorbed in the law.
         shares = shares * np.exp(stakes.barriers(estimates, self._barrier(stakes)) / self.price)
         return numbers, shares, estimates, float(excess)
 
     def _gap(self, law: Array, stakes: Stakes, rows: Array, found: tuple[Array, Array, float]) -> float:
-        """How far the value is from the optimum at most.
+        """An upper bound of the distance of the value from the optimum.
 
         Σ_m (p_m (g(μ_m) − L_m) − λ p_m log(p_m/q_m)) + λ max log c, with the loss g(μ_m) of the estimate and the least, L_m.
         """
@@ -338,7 +337,7 @@ class StepRule:
     def answers(self, step: Step, beliefs: Array) -> tuple[Columns, Array, Array]:
         """Return decisions, K (T,n) over them and optimal costs of any beliefs (T,X), on the grid or not.
 
-        A belief that is allowed none of the played decisions plays its own optimal one, which joins the others.
+        A belief that is allowed none of the played decisions plays its own optimal one, which is added.
         """
         table = self.table
         some = np.flatnonzero(np.isin(table.classes.place, step.numbers))
@@ -383,7 +382,7 @@ class StepRule:
 
 
 def hidden_step(table: StepTable, law: Array) -> Step:
-    """Return the mechanism of a step whose decision is never shown: the best decision under each belief."""
+    """Return the mechanism of a step whose decision is never disclosed: the optimal decision of each belief."""
     own = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
     numbers, which = np.unique(own.argmin(axis=1), return_inverse=True)
     rows = np.eye(len(numbers))[which]
@@ -393,8 +392,8 @@ def hidden_step(table: StepTable, law: Array) -> Step:
 
 
 def _slopes(table: StepTable, stakes: Stakes) -> Array:
-    """Gradients (C,d) of the regrets of values in the points' coordinates; of a value that several decisions are shown as, and
-    of other points, by least squares: they are first guesses of estimates."""
+    """Gradients (C,d) of the regrets of values in the points' coordinates, for first guesses of estimates; by least squares for
+    a value of several decisions, and for other points."""
     if not stakes.width and not table.disclosure.maps and table.disclosure.schedule.is_immediate:
         return np.asarray(table.columns.found.costs @ stakes.directions.T)
     return np.asarray(np.linalg.lstsq(stakes.points, table.regrets - table.regrets.mean(axis=0), rcond=None)[0].T)

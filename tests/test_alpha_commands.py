@@ -202,7 +202,7 @@ def test_months_with_what_everybody_reads(capsys: pytest.CaptureFixture[str], fo
         protect_alphas(maker, means, rng=np.random.default_rng(7))
     code, _, err = run(capsys, folder, "--prior-covariance", folder / "S.csv", "--public", folder / "Z.csv")
     assert code == 2
-    assert "--public is what a public sensor of --world says" in err
+    assert "--public needs --world, whose public sensor it reports" in err
     (folder / "W.json").write_text(json.dumps(WORLD), "utf-8")
     code, _, err = run(capsys, folder, "--world", folder / "W.json", "--public", folder / "Z.csv")
     assert code == 3

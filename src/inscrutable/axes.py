@@ -1,4 +1,4 @@
-"""Axes of arrays whose places have labels: labelled input is put in one order, or refused."""
+"""Labelled axes: labelled input is put in one order, or refused."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from inscrutable.errors import InputError
 
 Names = tuple[Hashable, ...]
 _PLAIN = {int, float, bool, str, type(None), np.ndarray, np.float64, np.int64}
-"""Types that carry no labels; a long list is judged by the types in it."""
+"""Types without labels; the types in a list decide for the list."""
 _SIDES = ("index", "columns")
 
 
 class Axis:
-    """What is known of the labels along one axis of the arrays that a call or an object takes.
+    """The labels along one axis of the arrays that a call or an object takes.
 
     Labelled input is put in the order of `names`. Where none are known, an axis that `learns` takes those of the first
-    labelled input, to which what follows is aligned; any other accepts only labels that number the places themselves:
-    0, 1, … or "regime 1", "regime 2", …. An array without labels goes by position.
+    labelled input, and later input is aligned to them; any other axis accepts only labels that number the places: 0, 1, … or
+    "regime 1", "regime 2", …. An array without labels is taken by position.
 
     Args:
         what: What a label stands for, in messages.
@@ -55,8 +55,8 @@ class Axis:
             return None
         if names is None:
             raise InputError(
-                f"{name} has the {self.what} labels {few(found)}, but nothing says in which order they belong: build the "
-                "object from labelled tables, or give the numbers alone (to_numpy()) in its order"
+                f"{name} has the {self.what} labels {few(found)}, but their order is not known: build the object from "
+                "labelled tables, or give the numbers alone (to_numpy()) in its order"
             )
         if found == tuple(range(len(names))):
             return None
@@ -69,7 +69,7 @@ class Axis:
 
     @staticmethod
     def _numbering(found: Names) -> Names | None:
-        """Labels that number the places, in their order; what pandas and this library write where nobody gave names."""
+        """Labels that number the places, in their order; pandas and this library write them where no names were given."""
         for names in (tuple(range(len(found))), tuple(f"regime {i + 1}" for i in range(len(found)))):
             if set(found) == set(names):
                 return names
@@ -82,8 +82,8 @@ def ordered(value: Any, name: str, axes: Sequence[Axis | None] | None) -> Any:
     Args:
         value: A Series, a DataFrame, a mapping from labels, or lists of them: labelled along each of their axes.
         name: Of the input, in messages.
-        axes: The last axes of the value; None, and those before, may have any labels. Without a list no axis may be
-            labelled but by numbers of places.
+        axes: The last axes of the value; an axis of None, and those before, may have any labels. Without a list only labels
+            that number the places are accepted.
 
     Raises:
         InputError: As `Axis.order`.

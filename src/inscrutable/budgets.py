@@ -1,4 +1,4 @@
-"""What an agent is willing to pay for privacy."""
+"""Budgets: the largest regret that an agent accepts for privacy."""
 
 from __future__ import annotations
 
@@ -65,12 +65,12 @@ class Budget:
 
     @classmethod
     def parse(cls, text: str | float, *, silence: float | None = None) -> Budget:
-        """Return the budget that a person writes.
+        """Return the budget written as a text.
 
         Args:
             text: "0.1" or "10%" for a share of |c*|; "5bp" for a regret of five basis points, "regret:0.002" for one in the
                 cost's unit; "silence:0.5" for a share of the silence regret; "relative:0.1" is "0.1".
-            silence: The silence regret of the problem, in the cost's unit, which alone says what a share of it is.
+            silence: The silence regret of the problem, in the cost's unit; needed for a share of it.
 
         Raises:
             InputError: The text is none of these, or a share of silence comes without the silence regret.
@@ -86,8 +86,8 @@ class Budget:
             return found
         if silence is None:
             raise InputError(
-                f"budget {text!r} is a share of the silence regret, which a problem and the law of its beliefs have: give it "
-                "as silence=, or the regret itself"
+                f"budget {text!r} is a share of the silence regret, which depends on the problem and the law of its beliefs: "
+                "give it as silence=, or give a regret"
             )
         return found.of(silence)
 
@@ -95,7 +95,7 @@ class Budget:
     def remark(self) -> str:
         """What is odd about the amount, in one sentence; empty where nothing is."""
         if self.amount == 0.0:
-            return "a budget of 0 pays for nothing: only decisions that cost as little as the optimal one are played"
+            return "a budget of 0 allows only decisions that cost as little as the optimal one"
         if self.is_relative and self.amount > 1.0:
             percent = f"; {self.amount:g} per cent are written {self.amount:g}%" if self.amount >= 2.0 else ""
             return f"a budget of {self.amount:g} of |c*| is more than the optimal cost itself{percent}"

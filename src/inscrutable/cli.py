@@ -157,7 +157,7 @@ def backtest(
     strict: Annotated[bool, Parameter(group=OUTPUT, negative=(), show_default=False)] = False,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> int:
-    """Walk a regime-switching investor through real returns while observers read its published weights.
+    """Backtest a regime-switching investor on real returns, and what observers read from its published weights.
 
     Without a data option: the 12 US industries that come with the package, monthly, 1949 to 2017. With `--alphas` the private
     belief is expected returns instead, hidden from the aware observer, who knows the rule.
@@ -167,7 +167,7 @@ def backtest(
         prices: CSV of prices, the same layout.
         daily: Daily returns of 20 US stocks, 1990 to 2022 (needs the extra `inscrutable[data]`).
         beliefs: CSV of your own beliefs about the row after each date, instead of the filter's: dates, then one column
-            per regime, named calm and turbulent, with three regimes calm, normal and turbulent.
+            per regime, named calm and turbulent for two regimes, calm, normal and turbulent for three.
         regime_names: For `--beliefs` whose columns have other names: these, by rising volatility, such as bull,bear.
         train_until: Last date of the training sample, such as 1989-12. Default: 1989-12 for the 12 industries, the
             middle of other data.
@@ -184,20 +184,20 @@ def backtest(
             are ten rows per regime and asset, else ledoit-wolf.
         risk_aversion: gamma in gamma u'Su - m'u, without a half. Default: 5.
         cost_bps: Cost per unit traded, in basis points. Default: 10.
-        limits: What may be held.
-        budget: What to spend on privacy: a share of |c*| such as 0.1 or 10%, a regret such as 5bp or regret:0.002 in the cost's
-            unit, or silence:0.5. Default: 0.1 for CDM and PDM, half the silence regret for the sequential rule (SDM). With
-            `--alphas` a share is of what silence costs, 0.5 by default.
-        measure: What privacy means.
+        limits: Limits on the weights.
+        budget: The regret allowed for privacy: a share of |c*| such as 0.1 or 10%, a regret such as 5bp or regret:0.002 in the
+            cost's unit, or silence:0.5, half the silence regret. Default: 0.1 for CDM and PDM, half the silence regret for the
+            sequential rule (SDM). With `--alphas` a share is one of the silence regret, 0.5 by default.
+        measure: The privacy measure.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
-        sequential: Play the sequential rule as well, whose prices take up to a minute to find.
+        sequential: Include the sequential rule, whose prices take up to a minute to compute.
         disclosure: What one more observer sees of the weights, how often and how late, in rows of the returns:
             "every(3)|delayed(2)", portfolio_return(), form_13f(0) where the first decision ends a quarter, as by default.
         seed: The same seed gives the same numbers.
         out: Folder for the table, the figures, the weights and model.json; with the extra `inscrutable[report]` also
-            report.html, one page to play with that works offline.
-        strict: Exit with code 4 where the figures are doubtful: the fit collapsed or follows its sample, or the belief hardly
-            moves. All is written and printed nevertheless.
+            report.html, one interactive page that works offline.
+        strict: Exit with code 4 where the figures are doubtful: the fit collapsed or is overfitted, or the belief hardly moves.
+            All files are written nevertheless.
     """
     from inscrutable.experiments.backtest import BacktestSettings, run_backtest
     from inscrutable.reports.backtest import write_backtest
@@ -217,7 +217,9 @@ def backtest(
     chosen_measure, chosen_budget = measure_of(measure, target), None if budget is None else budget_of(budget, speech)
     own = _own_model(model, limits)
     if own is not None and own.world is not None and (regimes is not None or covariance is not None):
-        raise UsageError("--regimes and --covariance are of regimes that are fitted; the model has its own")
+        raise UsageError(
+            "--regimes and --covariance are for fitted regimes, but the model gives its own: leave them out"
+        )
     part, count = None if own is None else own.file.investor, 3 if regimes is None else regimes
     if part is not None:
         from inscrutable.experiments.own_model import budget_of as stated
@@ -238,7 +240,7 @@ def backtest(
     )
     names = None if own is None or own.world is None else own.world.names
     if regime_names is not None and beliefs is None:
-        raise UsageError("--regime-names says which columns of --beliefs are which: give both")
+        raise UsageError("--regime-names names the columns of --beliefs: give both")
     held = None if beliefs is None else _own_beliefs(beliefs, regime_names, settings.regimes, speech, names)
     beside = beside_of(public, private, table, embedded=is_embedded)
     folder = writable_folder(out)
@@ -251,7 +253,7 @@ def backtest(
     if settings.turnover is None:
         files = [*files, *write_report(result, folder)]
     else:
-        speech.log("No report.html: it plays other budgets, whose paths under a limit on turnover were not walked")
+        speech.log("No report.html: the page shows other budgets, which are not computed under a limit on turnover")
     files.append(result.investor.save(folder / "model.json"))
     files = replaced(folder, "backtest", files, speech)
     _show_backtest(result, folder, files, speech)
@@ -272,7 +274,7 @@ def _show_backtest(result: Backtest, folder: Path, files: list[Path], speech: Sp
 
 
 def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd.DataFrame, pd.Series | None]:
-    """The returns asked for, and the riskless rate that only the embedded ones have."""
+    """The chosen returns, and the riskless rate, which only the embedded ones have."""
     from inscrutable import datasets
 
     if returns is not None:
@@ -286,7 +288,7 @@ def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd
 
 
 def _own_model(path: Path | None, limits: WeightOptions) -> OwnModel | None:
-    """The model of a file with the limits of the options, or of these alone; None where neither says anything."""
+    """The model of a file with the limits of the options, or these alone; None where neither is given."""
     from inscrutable.experiments.own_model import OwnModel
 
     part = limits.part()
@@ -360,28 +362,30 @@ def protect(
     means: AlphaOptions = AlphaOptions(),  # noqa: B008  # frozen
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
-    """Say what to publish instead, what that costs, and what an observer then concludes.
+    """Compute what to publish instead, its cost, and what an observer then concludes.
 
-    With `--state` decisions are a sequence against the aware observer, who knows the rule and remembers every decision. With
-    `--alphas` the private belief is numbers, such as expected returns, and the observer is the aware one.
+    Without `--state` one decision is protected against the naive observer. With `--state` decisions are a sequence, protected
+    against the aware observer, who knows the rule and remembers every decision. With `--alphas` the private belief is numbers,
+    such as expected returns, and the observer is the aware one.
 
     Args:
         model: The model.json of a backtest, or a model.toml of your own with regimes; for beliefs, not for `--alphas`.
         belief: Your belief over the model's regimes, such as 0.2,0.3,0.5.
         beliefs: CSV of beliefs: dates, then one column per regime.
-        weights: CSV of planned weights; the belief behind them is read off as an observer would.
-        budget: What to spend on privacy: a share of |c*| such as 0.1 or 10%, a regret such as 5bp or regret:0.002 in the cost's
-            unit, or silence:0.5. Default: the model's. With `--alphas` a share is of what silence costs, 0.5 by default.
-        measure: What privacy means.
+        weights: CSV of planned weights; the belief behind them is inferred as an observer would.
+        budget: The regret allowed for privacy: a share of |c*| such as 0.1 or 10%, a regret such as 5bp or regret:0.002 in the
+            cost's unit, or silence:0.5, half the silence regret. Default: the model's. With `--alphas` a share is one of the
+            silence regret, 0.5 by default.
+        measure: The privacy measure.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
         certify: Prove an upper bound of the privacy, to this relative gap, such as 0.01; for maximal and desired.
-        state: File that remembers the decisions so far; made where there is none, which takes a minute or more. Needs
-            `--belief`, or `--alphas` with one row.
+        state: File of the decisions so far; created if missing, which takes a minute or more. Needs `--belief`, or `--alphas`
+            with one row.
         publish: With `--state`: draw this step's weights once and record them. Without it nothing is drawn.
-        normalise: Read planned weights as they come: dollars, percentages, blanks, cash, tickers in any case.
+        normalise: Accept planned weights in dollars or percentages, with blanks, cash and tickers in any case.
         map_: With `--normalise`: CSV with the columns name and asset.
         previous: CSV of the weights published last, one row, where turnover is limited; one belief at a time.
-        limits: What may be held.
+        limits: Limits on the weights.
         seed: Makes the draw repeatable. Without it the operating system draws, because the seed determines the draw.
         out: Folder for the tables, summary.json and the figures; without it the results are only printed.
     """
@@ -404,7 +408,7 @@ def protect(
     if sum(option is not None for option in (belief, beliefs, weights)) != 1:
         raise UsageError("give one of --belief, --beliefs and --weights")
     if map_ is not None and not normalise:
-        raise UsageError("--map says what holdings are called in a file: give --normalise as well")
+        raise UsageError("--map needs --normalise: it names the holdings of such a file")
     _check_proof(certify, measure)
     chosen = measure_of(measure, target)
     asked = None if budget is None else budget_of(budget, speech)
@@ -439,7 +443,7 @@ def protect(
 
 
 def _check_proof(certify: float | None, measure: str) -> None:
-    """Refuse a gap that is none, and proofs of measures that have none."""
+    """Refuse a malformed gap, and measures without proofs."""
     if certify is not None and not 0 < certify < 1:
         raise UsageError(f"--certify must be a relative gap between 0 and 1, such as 0.01, got {certify:g}")
     if certify is not None and measure not in ("maximal", "desired"):
@@ -479,7 +483,7 @@ def _show_protection(found: Protection) -> None:
 def compile_(*, jobs: int = -1, speech: Speech = Speech()) -> None:  # noqa: B008  # frozen
     """Compile all numerical kernels now, so that no later command on this machine waits for it.
 
-    For a container's image or a cluster's nodes. Else each is compiled when first needed, a minute or two in all.
+    For a container's image or a cluster's nodes. Otherwise each is compiled when it is first needed, a minute or two in all.
 
     Args:
         jobs: Processes; -1 is one per core.

@@ -30,23 +30,24 @@ _OF_A_BACKTEST = (
 @Parameter(name="*")
 @dataclass(frozen=True)
 class AlphaOptions:
-    """What `--alphas` needs beside the alphas.
+    """Options that go with `--alphas`.
 
     Args:
         alphas: CSV of private means instead of a belief: dates, then one column per asset.
         prior_covariance: With `--alphas`: CSV of the public covariance of the alphas, each row a draw of its own.
         world: With `--alphas`: JSON of the public linear Gaussian world that moves them.
-        public: With `--world` that has a public sensor: CSV of what everybody read with each row, one column per number.
+        public: With a `--world` that has a public sensor: CSV of its reports with each row, one column per number.
         covariance: With `--alphas`: CSV of the assets' covariance.
         returns: With `--alphas`: CSV of returns that the assets' covariance is estimated from.
-        factors: With `--returns`: principal factors of that covariance, and specific variances. Default: all of it.
+        factors: With `--returns`: number of principal factors of that covariance, besides specific variances. Default: the
+            sample covariance.
         risk_aversion: With `--alphas`: γ in γ u'Vu − m'u.
         loadings: With `--alphas`: CSV of how many units of each signal are in an asset's expected return: assets in the first
             column, one column per signal; the alphas are then of signals. Default: each asset has its own.
         held: With `--alphas`: what may be held: anything; invested: weights that sum to one; long-only: these, none below zero.
-        cap: With `--alphas`: most that any weight may be.
-        trading_cost: With `--alphas`: κ, trading costs κ times the risk of what is traded.
-        objective: With `--alphas`: tell the fewest bits, or leave the largest mean square error.
+        cap: With `--alphas`: largest weight.
+        trading_cost: With `--alphas`: κ; trading costs κ times the variance of the trade.
+        objective: With `--alphas`: leak the fewest bits, or leave the observer the largest mean square error.
     """
 
     alphas: Annotated[Path | None, Parameter(group=DATA)] = None
@@ -77,14 +78,14 @@ class AlphaOptions:
             if (one in mine) == (other in mine):
                 raise UsageError(f"--alphas needs one of --{one.replace('_', '-')} and --{other}")
         if self.factors is not None and self.returns is None:
-            raise UsageError("--factors are of the covariance that --returns gives")
+            raise UsageError("--factors needs --returns, from which that covariance is estimated")
         if self.public is not None and self.world is None:
-            raise UsageError("--public is what a public sensor of --world says")
+            raise UsageError("--public needs --world, whose public sensor it reports")
         if self.risk_aversion is None:
             raise UsageError("--alphas needs --risk-aversion, such as 5")
 
     def maker(self, budget: str | None) -> AlphaDecisionMaker:
-        """Return the rule that the files and numbers say."""
+        """Return the rule of these files and numbers."""
         from inscrutable.alphas import AlphaDecisionMaker, AlphaProblem, FactorRisk
         from inscrutable.datasets import read_labelled_matrix, read_returns
         from inscrutable.experiments.alpha_run import read_linear_world
@@ -115,7 +116,7 @@ def _square(path: Path | None) -> pd.DataFrame | None:
 
 
 def _budget(given: str | None) -> Budget:
-    """The regret a step: a share is of what silence costs."""
+    """The regret a step; a share is one of the silence regret."""
     from inscrutable.budgets import Budget
 
     asked = budget_of(_BUDGET if given is None else given)
@@ -130,7 +131,7 @@ def protect_means(
     rng: np.random.Generator | None,
     speech: Speech,
 ) -> None:
-    """Show what the rule costs and tells, and the decisions that were drawn."""
+    """Show the rule's cost and leakage, and the decisions that were drawn."""
     from inscrutable.datasets import read_signals
     from inscrutable.experiments.alpha_protect import LAW_IS_PUBLIC, protect_alphas, within_limits
 
@@ -159,7 +160,7 @@ class SignalOptions:
         prior_covariance: With `--alphas`: CSV of their public covariance, each row a draw of its own.
         world: With `--alphas`: JSON of the public linear Gaussian world that moves them. Default: a law that is estimated
             from the alphas before the first decision.
-        objective: With `--alphas`: tell the fewest bits, or leave the largest mean square error.
+        objective: With `--alphas`: leak the fewest bits, or leave the observer the largest mean square error.
     """
 
     alphas: Annotated[str | None, Parameter(group=DATA)] = None
@@ -207,7 +208,7 @@ def backtest_means(
     folder: Path,
     speech: Speech,
 ) -> None:
-    """Show the cost of hiding private means and the gain of a rival who copies, and write table, summary and figure."""
+    """Show the cost of hiding private means and a copier's gain, and write table, summary and figure."""
     from inscrutable.datasets import read_signals
     from inscrutable.experiments.alpha_protect import LAW_IS_PUBLIC
     from inscrutable.experiments.alpha_run import AlphaSettings, read_linear_world, run_alpha_backtest

@@ -32,23 +32,23 @@ def attack(
     out: Out | None = None,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
-    """Find the beliefs that explain published weights: what do my holdings reveal?
+    """Find the beliefs that explain published weights.
 
-    Weights rounded to a few digits are read as such: the digits written in the file are counted. With `--mechanism` also
-    what the aware observer, who knows the rule, concludes from all rows so far; rows are one step of the model apart.
+    Rounded weights are read as rounded: the digits in the file are counted. With `--mechanism` the command also shows what the
+    aware observer, who knows the rule, concludes from all rows so far; rows are one step of the model apart.
 
     Args:
         model: The model.json of a backtest, or a model.toml of your own with regimes.
         weights: CSV with one column per asset and one row per portfolio; a first column may hold dates or labels.
-        mechanism: How the weights are made, as the observer knows: optimal, cdm, pdm, or sequential.
-        budget: With `--mechanism`: what the rule spends, as in protect; with `--state` as in its file. Default: the model's.
+        mechanism: The rule behind the weights, which the observer knows: optimal, cdm, pdm, or sequential.
+        budget: With `--mechanism`: the rule's budget, as in protect; with `--state` as in its file. Default: the model's.
         state: With `--mechanism sequential`: the file of protect's sequence, which has the rule's prices.
-        normalise: Read holdings as they come: dollars, shares and prices, percentages, blanks, cash, tickers in any case.
-        map_: CSV with the columns name and asset: what holdings are called in the file, a blank asset for what is left out.
-            With `--normalise`.
+        normalise: Accept holdings in dollars, shares and prices, or percentages, with blanks, cash and tickers in any case.
+        map_: With `--normalise`: CSV with the columns name, as in the file of holdings, and asset, blank for holdings to leave
+            out.
         previous: CSV of the weights published before the first row, one row, where turnover is limited.
-        regret: Read the beliefs under which the weights cost at most so much more than the best ones, such as 5bp.
-        limits: What may be held.
+        regret: Find the beliefs under which the weights cost at most this more than the best ones, such as 5bp.
+        limits: Limits on the weights.
         out: Folder for attack.csv, summary.json and the figures; without it the results are only printed.
     """
     from inscrutable.datasets import write_table
@@ -59,12 +59,12 @@ def attack(
     from inscrutable.reports.attack import attack_summary, write_attack
 
     if mechanism is None and (budget is not None or state is not None):
-        raise UsageError("--budget and --state say more of --mechanism: give that as well")
+        raise UsageError("--budget and --state need --mechanism")
     if (mechanism == "sequential") != (state is not None):
         raise UsageError("--mechanism sequential and --state FILE go together")
     limit = None if budget is None else budget_of(budget, speech)
     if map_ is not None and not normalise:
-        raise UsageError("--map says what holdings are called in a file: give --normalise as well")
+        raise UsageError("--map needs --normalise: it names the holdings of such a file")
     most = 0.0 if regret is None else _regret_of(regret)
     investor = investor_of(model, limits.part())
     if limit is not None:
@@ -113,7 +113,7 @@ def _show_attack(found: Attack, speech: Speech, *, whole: bool) -> None:
     from inscrutable.reports.attack import attack_lines, reading_notes
 
     table = attack_lines(found)
-    title = "What the weights of each row say: probability of a regime in the rival's estimate [least, most]"
+    title = "What the weights reveal: an observer's estimate of each regime [least, most]"
     if whole or len(table) <= _LONGEST_TABLE:
         show_table(table, title)
     else:

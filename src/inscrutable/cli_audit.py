@@ -22,18 +22,18 @@ def audit(
     out: Out | None = None,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
-    """Test whether published decisions leak secrets at all, and how much at least, from two files and no model.
+    """Test whether published decisions depend on secrets, and how much they leak at least, from two files and no model.
 
     An observer who has only past pairs learns from them (nearest neighbours, ridge regression, a tree; needs the extra
-    `inscrutable[audit]`), forward in time. That nothing is found proves nothing; what would have been found is said.
+    `inscrutable[audit]`), forward in time. Finding nothing does not prove that nothing leaks: the output states the smallest
+    dependence that the test would have found.
 
     Args:
         secrets: CSV of what should stay private, such as signals: dates or labels in the first column, then numbers or classes.
         published: CSV of decisions, such as weights: the same layout. Rows are joined by their dates or labels.
-        lags: Rows from the secret to the decision that is read for it, such as 0,1,2; 1 is told one row late, −1 one early.
-        embargo: Rows left out between what is learned from and what is read. Default: the length over which the secret is
-            autocorrelated.
-        kind: What every secret is. Default: words, and whole numbers of at most ten values, are classes.
+        lags: Rows from a secret to the decision that is tested for it, such as 0,1,2: 1 is a decision one row later.
+        embargo: Rows left out between training and test rows. Default: the length over which the secret is autocorrelated.
+        kind: Whether all secrets are classes or numbers. Default: words, and whole numbers of at most ten values, are classes.
         seed: The same seed gives the same numbers.
         out: Folder for the tables, summary.json and the figure; without it the results are only printed.
     """

@@ -1,4 +1,4 @@
-"""The verb `inscrutable compare`: every way of hiding beside every rival."""
+"""The verb `inscrutable compare`: every rule against every observer."""
 
 from __future__ import annotations
 
@@ -28,30 +28,30 @@ def compare(
     out: Out = Path("comparison"),
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
-    """Set ways of hiding side by side, against the naive observer and the aware one, who knows the rule.
+    """Compare decision rules against the naive observer and the aware one, who knows the rule.
 
     The table also has an observer who follows the belief over time, and one who learns the risk aversion first.
 
-    Every way spends the same expected regret. Example: inscrutable compare --market demo/model.json --budgets 0.05,0.1
+    Every rule spends the same expected regret. Example: inscrutable compare --market demo/model.json --budgets 0.05,0.1
 
     Args:
         market: paper (a random market, every belief equally likely and lasting as regimes do), returns (the 12 US industries
             that come with the package, and how often its investor holds which belief), the model.json of a backtest,
             or a model.toml of your own with regimes.
         resolution: Beliefs are multiples of 1/resolution; 30 gives up to 496 for three regimes.
-        rival: TOML file whose [problem] is a rival's decision problem: adds the worth of the belief and of reading to it.
+        rival: TOML file whose [problem] is a rival's decision problem: adds the value to it of the belief and of the decisions.
         budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
             regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
-        makers: Which decision makers are compared, by the table's names, such as CDM,PDM,rate-distortion; else all.
-        pairs: Such as 100,1000: beside them an observer who has only so many pairs of belief and decision.
+        makers: The decision makers to compare, by the table's names, such as CDM,PDM,rate-distortion. Default: all.
+        pairs: Such as 100,1000: adds an observer who has only so many pairs of belief and decision.
         disclosure: What observers see of decisions, how often and how late, such as "every(3)|delayed(2)" or form_13f();
-            `inscrutable disclose` compares such schedules. The sequential rule goes by it; the two that trade late or in part
-            are then left out.
-        limits: What may be held.
+            `inscrutable disclose` compares such schedules. The sequential rule takes it into account; delayed and partial
+            trading are then left out.
+        limits: Limits on the weights.
         jobs: Processes; -1 is one per core. Changes nothing but the time.
         seed: The same seed gives the same numbers.
         out: Folder for the table (CSV, Markdown), the figure and summary.json; with the extra `inscrutable[report]` also
-            report.html, one page to play with that works offline. The study behind them is kept in its folder "study": a
+            report.html, one interactive page that works offline. The study behind them is kept in its folder "study": a
             run that was stopped goes on there when the same command is given again.
     """
     unit, shares = budgets_of(budgets)

@@ -29,12 +29,12 @@ _SECONDS_BETWEEN_LINES = 10.0
 @Parameter(name="*", group="Output")
 @dataclass(frozen=True)
 class Speech:
-    """How much is said and in which form.
+    """How much is printed, and in which form.
 
     Args:
         json: Print a machine-readable summary instead of tables.
-        quiet: No progress and no log on stderr; errors are still said.
-        verbose: Say more on stderr, with the traceback of an unexpected error.
+        quiet: No progress and no log on stderr; errors are still printed.
+        verbose: Print more on stderr, with the traceback of an unexpected error.
     """
 
     json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False
@@ -42,12 +42,12 @@ class Speech:
     verbose: Annotated[bool, Parameter(name=("--verbose", "-v"), negative=(), show_default=False)] = False
 
     def log(self, text: str) -> None:
-        """Say one line on stderr."""
+        """Print one line on stderr."""
         if not self.quiet:
             print(text, file=sys.stderr, flush=True)
 
     def detail(self, text: str) -> None:
-        """Say one line on stderr if more was asked for."""
+        """Print one line on stderr if `verbose`."""
         if self.verbose and not self.quiet:
             print(text, file=sys.stderr, flush=True)
 
@@ -76,13 +76,13 @@ class Speech:
 
     @contextmanager
     def progress(self, what: str) -> Iterator[Callable[[int, int], None]]:
-        """Give a function (done, in all) that moves a bar on a terminal and writes a line now and then elsewhere."""
+        """Give a function (done, in all) that moves a bar on a terminal and writes occasional lines elsewhere."""
         with self.steps(timed=True) as tell:
             yield lambda done, total: tell(done, total, f"{what}: {done} of {total}")
 
     @contextmanager
     def steps(self, *, timed: bool = False) -> Iterator[Callable[[int, int, str], None]]:
-        """Give the same with a line to show; `timed`: a bar says the time left."""
+        """Give the same with a line to show; `timed`: a bar shows the time left."""
         if self.quiet:
             yield lambda done, total, line: None
         elif sys.stderr.isatty():
@@ -94,7 +94,7 @@ class Speech:
 
 @contextmanager
 def library_log(*, quiet: bool) -> Iterator[None]:
-    """Let the library's log through to stderr, or only its errors where the user asked for quiet."""
+    """Send the library's log to stderr, with `quiet` its errors alone."""
     logger = logging.getLogger(__name__.partition(".")[0])
     before = logger.level
     logger.setLevel(logging.ERROR if quiet else before)
@@ -151,7 +151,7 @@ def show_table(frame: pd.DataFrame, title: str, *, prose: bool = False) -> None:
 
 
 def replaced(folder: Path, verb: str, files: list[Path], speech: Speech) -> list[Path]:
-    """Let no file of an earlier run of the verb stay among those just written; return these and their list."""
+    """Remove files of an earlier run of the verb; return those just written and their list."""
     from inscrutable.datasets import replace_files
     from inscrutable.datasets.written import LIST
 
@@ -162,7 +162,7 @@ def replaced(folder: Path, verb: str, files: list[Path], speech: Speech) -> list
 
 
 def write_report(result: Any, folder: Path, **more: Any) -> list[Path]:
-    """Return the page of a result, where the extra that it needs is there."""
+    """Write the page of a result, if the extra that it needs is installed."""
     from inscrutable.reports.page import can_write_pages, write_page
 
     return [write_page(result, folder / "report.html", **more)] if can_write_pages() else []

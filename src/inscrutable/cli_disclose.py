@@ -31,10 +31,10 @@ def disclose(
     out: Out = Path("disclosures"),
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
-    """Set schedules of publication side by side: how often, how late, and which parts of each decision.
+    """Compare schedules of publication: how often, how late, and which parts of each decision.
 
-    One row a schedule: the bits that a step gives away, and the error of the aware observer, who knows the rule, the model and
-    the schedule, about the present belief. Example: inscrutable disclose --disclosures "every(3); every(3)|delayed(2); top(5)"
+    One row per schedule: the bits that a step reveals, and the error about the present belief of the aware observer, who knows
+    the rule, the model and the schedule. Example: inscrutable disclose --disclosures "every(3); every(3)|delayed(2); top(5)"
 
     Args:
         market: returns (the 12 US industries that come with the package, one step a month), paper (a random market), or the
@@ -43,9 +43,9 @@ def disclose(
         disclosures: Schedules with a semicolon between them, each a chain of every(n), delayed(steps), rounded(digits),
             long_only(), at_least(weight), top(n), grouped([labels]), form_13f(), n_port(), joined by |. Default: nine
             usual ones.
-        rule: How decisions are made; all but ODM, the optimal ones, spend half the silence regret. The sequential one is made
-            for each schedule, which takes a minute or two each: name few.
-        steps: Length of the paths; the later half counts.
+        rule: The decision rule; all but ODM, the optimal decisions, spend half the silence regret. The sequential rule is
+            computed for each schedule, which takes a minute or two each: name few.
+        steps: Length of the paths; only the second half counts.
         draws: Sampled paths.
         seed: The same seed gives the same numbers.
         out: Folder for the table, the figure and summary.json.
@@ -91,7 +91,7 @@ def disclose(
 
 
 def _sequential(setting: Setting, regret: float, seed: int, disclosure: Disclosure) -> SequentialDecisionMaker:
-    """The sequential rule that goes by a disclosure."""
+    """The sequential rule for a disclosure."""
     import numpy as np
 
     from inscrutable.budgets import Budget

@@ -1,4 +1,4 @@
-"""Options that say what may be held: they override what a model file says."""
+"""Options for limits on weights: they override a model file's."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ Held = Literal["anything", "invested", "long-only"]
 @Parameter(name="*", group=INVESTOR)
 @dataclass(frozen=True)
 class WeightOptions:
-    """What may be held; each option overrides the model's.
+    """Limits on weights; each option overrides the model's.
 
     Args:
-        max_weight: Most of every asset, such as 0.25 or 25%.
-        min_weight: Least of every asset.
+        max_weight: Largest weight of every asset, such as 0.25 or 25%.
+        min_weight: Smallest weight of every asset.
         sectors: CSV with the columns asset and sector; with `--sector-cap`.
-        sector_cap: Most of every sector.
-        long_short: Most that long and short holdings add up to, such as 1.6; without it nothing is short.
-        turnover: Most that is bought plus sold against the last published weights.
+        sector_cap: Largest sum of weights of every sector.
+        long_short: Gross exposure, the largest sum of long and short holdings, such as 1.6; without it nothing is short.
+        turnover: Largest sum of purchases and sales against the last published weights.
     """
 
     max_weight: Annotated[str | None, Parameter(name="--max-weight")] = None
@@ -92,7 +92,7 @@ def one_row(table: WeightsTable, path: Path) -> pd.Series:
 
 
 def region_of(assets: list[str], held: Held, cap: float | None) -> Polyhedron | None:
-    """Return what may be held; None where that is anything."""
+    """Return the feasible set; None where anything may be held."""
     import numpy as np
 
     from inscrutable.problems import Polyhedron, max_weights, simplex

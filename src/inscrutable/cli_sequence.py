@@ -33,12 +33,14 @@ def protect_next(
     from inscrutable.experiments.silence import budget_in
 
     if not state.exists():
-        speech.log(f"No sequence in {state} yet: prices that spend the budget in the long run are found first, once.")
+        speech.log(
+            f"No sequence in {state} yet: the prices at which the long-run regret is the budget are computed, once."
+        )
     investor = investor_of(model, limits)
     if investor.turnover is not None:
         raise InputError(
-            "--state has no limit on turnover: what its rule draws from is the same every month, whatever was published last; "
-            "protect each month by itself with --previous, without --state, or leave turnover out"
+            "--state has no limit on turnover, because its lottery does not depend on the weights published last: leave "
+            "turnover out, or protect each month alone, with --previous and without --state"
         )
     limit = None if asked is None else budget_in(investor.world, investor.problem, asked)
     rng = None if seed is None else np.random.default_rng(seed)
@@ -46,7 +48,7 @@ def protect_next(
     if speech.json:
         speech.summary(found.figures())
         return
-    show_table(found.lines(), "What the rule draws from at this step")
+    show_table(found.lines(), "The lottery of this step, from which --publish draws")
     if found.published is not None:
         results().print(f"Publish these weights, which are recorded: {found.written(found.published)}.")
     for line in found.summary().splitlines():

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 FAILED_TASKS = 1
 STUDY, AGAIN = "study", "give the same command again"
-"""Where other verbs keep the study behind their results, and how one that was stopped is gone on with."""
+"""The folder in which other verbs keep the study behind their results, and how a stopped one is continued."""
 _PAGE = "report.html"
 _REPORT = "inscrutable study report {}"
 _ERRORS_SHOWN = 3
@@ -82,7 +82,7 @@ def resume(
     extension: Extensions = [],  # noqa: B006  # read alone
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> int:
-    """Go on with a study that was stopped, killed or limited: only tasks without a row are done.
+    """Continue a study that was stopped, killed or limited: only tasks without a row are done.
 
     Args:
         folder: The folder that the study was run into.
@@ -90,7 +90,7 @@ def resume(
         cluster: Address of a Dask scheduler.
         limit: Do at most this many tasks now.
         retry: Do tasks that failed again.
-        extension: Those that the study was begun with.
+        extension: The extensions that the study was started with.
     """
     from inscrutable.experiments.studies import resume_study
 
@@ -109,7 +109,7 @@ def status(
     *,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
-    """Say how far a study is, also while it runs.
+    """Show how far a study is, also while it runs.
 
     Args:
         folder: The folder that the study was run into.
@@ -229,7 +229,7 @@ def _say_errors(found: Study, speech: Speech) -> None:
 
 @contextmanager
 def resumable(folder: Path, how: str = "inscrutable study resume {}", then: str = AGAIN) -> Iterator[None]:
-    """Say how to go on where a run is stopped after it began; `then` where all tasks are done, and only files are missing."""
+    """Print how to continue a run that is stopped after it began; `then` where all tasks are done and files are missing."""
     from inscrutable.experiments.studies.store import STORE
 
     before = _stamp(folder / STORE)
@@ -244,7 +244,7 @@ def resumable(folder: Path, how: str = "inscrutable study resume {}", then: str 
 
 
 def _is_done(folder: Path) -> bool:
-    """Whether every task has a row, as far as can be seen."""
+    """Whether every task has a row; False where the study cannot be read."""
     from inscrutable.experiments.studies import Study
 
     try:
@@ -254,7 +254,7 @@ def _is_done(folder: Path) -> bool:
 
 
 def was_told(folder: Path) -> bool:
-    """Whether the results of the study within a folder were all written, after its last row; if not, its rows still serve."""
+    """Whether all results of the study within a folder were written after its last row."""
     from inscrutable.experiments.studies.store import STORE
     from inscrutable.reports.page import can_write_pages
 

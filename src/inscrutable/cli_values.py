@@ -1,4 +1,4 @@
-"""What is typed on the command line, turned into the library's own objects: budgets, beliefs, measures, targets."""
+"""Values of options as the library's objects: budgets, beliefs, measures, targets."""
 
 from __future__ import annotations
 

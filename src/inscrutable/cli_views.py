@@ -45,7 +45,7 @@ def views(
     out: Out | None = None,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
-    """Find the expected returns that make weights the best mean-variance portfolio: what do my holdings reveal of my views?
+    """Find the expected returns that make weights the optimal mean-variance portfolio.
 
     Example: inscrutable views --weights weights.csv --returns returns.csv --factors 3 --risk-aversion 5 --held long-only
     --reference portfolio
@@ -54,15 +54,15 @@ def views(
         weights: CSV of weights: dates or labels in the first column, one column per asset, one row per portfolio.
         covariance: CSV of the covariance per period: the assets' names in the first row and column.
         returns: CSV of returns, as for `backtest`, whose covariance is taken instead.
-        factors: With `--returns`: so many principal components and a variance of its own for each asset. Default: the sample
-            covariance.
+        factors: With `--returns`: number of principal factors of that covariance, besides specific variances. Default: the
+            sample covariance.
         risk_aversion: The investor's, per unit of return: the cost is γ u'Vu − m'u.
         held: What may be held: anything; invested: weights that sum to one; long-only: these, none below zero.
-        cap: Most that any weight may be.
-        regret: How much worse than the best the weights may be, such as 5bp or 0.0005 a period.
+        cap: Largest weight.
+        regret: Largest cost of the weights above the best ones, such as 5bp or 0.0005 a period.
         digits: Digits after the point that the weights were rounded to.
-        reference: Say expected returns less those of this asset, of the "portfolio", or of the "mean" asset. Without it,
-            weights that must sum to one say nothing: a common shift of all views changes none.
+        reference: State expected returns minus that of this asset, of the "portfolio", or of the "mean" asset. Needed where
+            weights must sum to one: adding a constant to all expected returns does not change them.
         out: Folder for views.csv, summary.json and the figure; without it the results are only printed.
     """
     if (covariance is None) == (returns is None):
@@ -124,7 +124,7 @@ def _problem(
     held: Held,
     cap: float | None,
 ) -> AlphaProblem:
-    """The decision problem that the options say, in the order of the weights' columns."""
+    """The decision problem of the options, in the order of the weights' columns."""
     from inscrutable.alphas import AlphaProblem, FactorRisk
     from inscrutable.axes import Axis
     from inscrutable.datasets import read_labelled_matrix, read_returns

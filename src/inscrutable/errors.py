@@ -1,4 +1,4 @@
-"""Every error the library raises on purpose, sorted by what the reader can do about it.
+"""The library's own errors, by what the reader can do about them.
 
 ===============  ======================================  =========
 error            what to do                              exit code

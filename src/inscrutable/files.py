@@ -1,4 +1,4 @@
-"""Writing files: each appears whole or not at all, whatever goes wrong in between."""
+"""Writing files, all or nothing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any
 from inscrutable.errors import DiskError, InputError
 
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG)
-"""What the operating system says where the disk is at fault: full, over quota, read-only, failing, no larger file."""
+"""Errors of the operating system that are the disk's: full, over quota, read-only, failing, file too large."""
 PathLike = str | os.PathLike[str]
 
 
@@ -27,8 +27,8 @@ def whole_file(path: PathLike) -> Iterator[Path]:
             go by it (images, npz) work.
 
     Yields:
-        Where to write. A file that is replaced leaves its permissions to the new one. After an exception it is deleted and
-        the former file, if any, is as it was.
+        The temporary path. The new file gets the permissions of the one it replaces. After an exception the temporary file
+        is deleted, and the former file, if any, is unchanged.
 
     Raises:
         InputError: The file cannot be written, with the operating system's reason; a `DiskError` where the disk is full,
@@ -52,7 +52,7 @@ def whole_file(path: PathLike) -> Iterator[Path]:
         if target.is_dir():
             raise InputError(f"{target} cannot be written: it is a folder, expected a file name")
         if target.exists():
-            # What others must not read is never there for them to read.
+            # Private from the start: others can at no time read the content.
             temporary.touch(mode=0o600, exist_ok=False)
         yield temporary
         with temporary.open("r+b") as written:
@@ -67,14 +67,14 @@ def whole_file(path: PathLike) -> Iterator[Path]:
 
 
 def path_of(value: PathLike, what: str) -> Path:
-    """Return a path, or raise `InputError` for what is none."""
+    """Return a path, or raise `InputError`."""
     if not isinstance(value, (str, os.PathLike)):
         raise InputError(f"{what} must be given by its path, got {type(value).__name__}: {value!r:.60}")
     return Path(value)
 
 
 def read_json(path: Path, what: str) -> Any:
-    """Return the data of a JSON file, or raise one `InputError`; `what` a file of this kind is."""
+    """Return the data of a JSON file, or raise one `InputError`; `what` names the kind of file."""
     try:
         return json.loads(path.read_text("utf-8"))
     except OSError as error:
@@ -99,7 +99,7 @@ def remove(temporary: Path, *, unless: Path) -> None:
 
 
 def unwritten(what: object, error: OSError) -> InputError:
-    """Return the error for what the operating system refuses to write: a `DiskError` where that is the disk's fault."""
+    """Return the error for a failed write: a `DiskError` where the disk is the cause."""
     kind = DiskError if error.errno in DISK else InputError
     return kind(f"{what} cannot be written: {reason(error)}")
 

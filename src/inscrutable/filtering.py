@@ -1,4 +1,4 @@
-"""The private belief: what the agent knows of the state from what it has observed so far, and nothing later."""
+"""The private belief: the law of the state given the observations so far."""
 
 from __future__ import annotations
 
@@ -66,8 +66,8 @@ def filter_beliefs(world: HiddenMarkovModel, observations: Any, *, public: Any =
         world: The hidden Markov model.
         observations: (T,) symbols or (T,D) real vectors, T >= 1. With a DataFrame or Series the beliefs come back as
             DataFrames with the same index and the states' names as columns.
-        public: What the world's public sensor reported, T of them; labelled rows are put in the order of the observations'.
-            Of a `PublicPart`, which the observations hold already, None, or what is then checked against them.
+        public: The T reports of the world's public sensor; labelled rows are put in the order of the observations'. For a
+            `PublicPart`, which the observations contain, None, or the same reports, which are then checked.
 
     Returns:
         Beliefs (T,X), one-step predictions (T,X) and the log-likelihood.
@@ -145,7 +145,7 @@ class BeliefFilter:
         Args:
             observation: A symbol or a (D,) real vector; a Series, or a DataFrame of one row, is aligned by the sensor's
                 asset names.
-            public: What the world's public sensor reported at the same step; as for `filter_beliefs`.
+            public: The report of the world's public sensor at the same step; as for `filter_beliefs`.
 
         Returns:
             (X,) belief.
@@ -184,7 +184,7 @@ def _checked(world: Any) -> HiddenMarkovModel:
 
 
 def _log_likelihoods(world: HiddenMarkovModel, observations: Any, public: Any) -> Array:
-    """Ask the sensors, which may be the user's own: what they return is checked."""
+    """The sensors' log-likelihoods; they are checked, as a sensor may be the user's own."""
     values = _sensible(world.emission.log_likelihoods(observations), world, "the emission")
     told = public_log_likelihoods(world.emission, world.public, observations, public)
     if told is None:
@@ -217,6 +217,6 @@ def _pass(world: HiddenMarkovModel, log_prior: Array, log_likelihoods: Array) ->
 
 def _impossible(step: str) -> ModelError:
     return ModelError(
-        f"the observation at step {step} has likelihood zero in every state that can be reached there; "
-        "the world does not explain it"
+        f"the observation at step {step} has likelihood zero in every state that can be reached there: the world does not "
+        "explain it; check the observation, or give the sensor and the transition no zeros"
     )

@@ -27,5 +27,5 @@ def label_text(label: Any) -> str:
 
 
 def capital(text: str) -> str:
-    """Return a text as the beginning of a sentence."""
+    """Return a text with a capital first letter."""
     return text[:1].upper() + text[1:]

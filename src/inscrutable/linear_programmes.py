@@ -1,4 +1,4 @@
-"""One door to HiGHS: linear programmes with the tightest tolerances it accepts, and typed answers."""
+"""The one interface to HiGHS: linear programmes with the tightest tolerances it accepts, and typed answers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _DECIDED = (OPTIMAL, 2, 3)
 """Statuses that answer the question: solved, infeasible, unbounded."""
 
 _WAYS: Any = (("highs", {}), ("highs-ipm", {}), ("highs-ds", {"presolve": False}))
-"""Ways of HiGHS, tried until one answers: at these tolerances each gives up on some small programmes that others solve."""
+"""Methods of HiGHS, tried until one answers: at these tolerances each fails on some small programmes that others solve."""
 
 _FREE = (None, None)
 
@@ -54,7 +54,7 @@ def minimise(
 ) -> LinearAnswer:
     """Return min objective'x over rows `below` and `equal`; variables are free unless bounded.
 
-    `interior` tries the interior point method first, which large programmes of many tied answers are solved by sooner.
+    `interior` tries the interior-point method first, which is faster on large, degenerate programmes.
     """
     upper = None if below is None or not len(below.sides) else below
     exact = None if equal is None or not len(equal.sides) else equal
@@ -91,7 +91,7 @@ def minimum(
     *,
     interior: bool = False,
 ) -> LinearAnswer:
-    """Return the answer of a programme known to have one; raise `SolverError` where HiGHS finds none."""
+    """Return the answer of a programme that has an optimum; raise `SolverError` where HiGHS finds none."""
     answer = minimise(objective, below, equal, bounds, interior=interior)
     if answer.status != OPTIMAL:
         raise SolverError(f"HiGHS found no optimum of a linear programme that has one: {answer.message}")

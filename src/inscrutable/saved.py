@@ -28,7 +28,7 @@ class Summarised:
     """A result that prints its summary."""
 
     def summary(self) -> str:
-        """Return what there is to read of it."""
+        """Return the summary."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -38,7 +38,7 @@ class Summarised:
 class Saved:
     """A frozen dataclass that can be saved and loaded; a field with metadata `saved=False` is left out.
 
-    What a subclass names in `_derived` are cached properties: they are saved like fields, and loaded instead of computed.
+    `_derived` of a subclass names cached properties that are saved like fields, and loaded instead of computed.
     """
 
     _known: ClassVar[dict[str, Any]] = {}
@@ -50,25 +50,25 @@ class Saved:
 
     @property
     def is_loaded(self) -> bool:
-        """Whether the result was read from a file, where only what can be found from its own numbers was checked."""
+        """Whether the result was read from a file; then it was only checked that its numbers do not contradict each other."""
         return "_is_loaded" in vars(self)
 
     def _parts(self) -> dict[str, Any]:
-        """What is saved, by name."""
+        """The saved values, by name."""
         declared: Any = self
         kept = [f.name for f in dataclasses.fields(declared) if f.metadata.get("saved", True)]
         return {name: getattr(self, name) for name in (*kept, *self._derived)}
 
     @classmethod
     def _made(cls, parts: dict[str, Any]) -> Self:
-        """Return the result from what was saved; raise `InputError` where it contradicts itself."""
+        """Return the result from saved values; raise `InputError` where they contradict each other."""
         derived = {name: parts[name] for name in cls._derived if name in parts}
         found = cls(**{name: value for name, value in parts.items() if name not in derived})
         vars(found).update(derived)
         return found
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the result to `path` as npz, whole or not at all; raise `InputError` where it cannot be written."""
+        """Write the result to `path` as npz, all or nothing; raise `InputError` where it cannot be written."""
         arrays: dict[str, Any] = {}
         described = json.dumps({"format": _FORMAT, "result": _encode(self, arrays)})
         # A stream, because numpy adds an ending to a name.

@@ -1,4 +1,4 @@
-"""The only place with small numbers: each tolerance, what it is relative to, and why it has its value."""
+"""All tolerances: what each is relative to, and why it has its value."""
 
 from __future__ import annotations
 
@@ -66,17 +66,17 @@ ON_FACE = 1e-9
 """A coordinate or multiplier below this, relative to its scale, counts as zero in a belief set."""
 
 UNEVEN = 1e-3
-"""A state whose costs are below this share of the largest is uneven: what it says of a belief is then resolved to `ON_FACE`
-over this only, 1e-6."""
+"""A state whose costs are below this share of the largest is badly scaled: it determines a belief only to `ON_FACE` over this,
+1e-6."""
 
 MEMBER_DEPTH = 1e-3
-"""How deep inside a belief set a member is looked for first: far enough from its faces to start a search from."""
+"""Depth inside a belief set at which a member is sought first: far enough from its faces to start a search from."""
 
 LEAST_MEMBER_DEPTH = 1e-6
 """How deep it must lie at least to prove that a set has an interior; shallower sets are left to linear programmes."""
 
 SURE_CONFLICT = 1e-8
-"""Rows of a belief set that conflict by more than this leave nothing: ten times what may count as touching."""
+"""A belief set whose rows conflict by more than this is empty: ten times the distance that counts as touching."""
 
 SAME_ACTION = 1e-11
 """Decisions closer than this in every coordinate are one decision: above solver noise, below any tradable change."""
@@ -85,22 +85,22 @@ SAME_BELIEF = 1e-9
 """Beliefs closer than this are one belief: distances are square roots, so noise of 1e-18 in squares."""
 
 REACHED_BELIEF = 1e-12
-"""Beliefs reached on different ways and closer than this are one: a few thousand roundings of a filter."""
+"""Beliefs computed in different ways and closer than this are one: a few thousand roundings of a filter."""
 
 SAME_LAW = 1e-9
 """Shares of a decision under two beliefs that differ by less are one share: no lottery has an atom below `PROBABILITY`."""
 
 SIGNAL_CELL = 1e-6
-"""Width, in standard deviations, below which a cell of a sensor's signals is joined to its neighbour: as differences of tails,
-the chances of one as narrow as a rounding would have no digits."""
+"""Width, in standard deviations, below which a cell of a sensor's signals is merged with its neighbour: the probability of a
+narrower cell, a difference of tails, would be lost to rounding."""
 
 ROUGH_DISTANCE = 1e-8
-"""Distances by one projection nearer than this to a goal's are found again from the set's shape: a hundred times what the
-projection's rows are satisfied to, relative to beliefs."""
+"""A distance by one projection that is this near to a goal's is computed again from the described set: a hundred times the
+projection's accuracy."""
 
 LEAST_BUDGET = 1e-7
-"""Relative width, in the root of a regret, of the bracket of the least that reaches a distance: what searches with
-neighbouring budgets tell apart."""
+"""Relative width, in the root of a regret, of the bracket of the least regret that reaches a distance: searches with closer
+budgets do not differ."""
 
 LEAST_ON_FACE = 1e-5
 """Share by which the least regret on a face, found by a quadratic programme, may lie above that of a search."""
@@ -109,14 +109,14 @@ FINITE_DIFFERENCE = 1e-6
 """How far outside the feasible set a local solver's trial may lie and still be judged: its difference steps are 1e-8."""
 
 SLACK_SAFETY = 1e-5
-"""By how much, relative to `min_slack`, a polished decision stays above it: the observer must not round it down, and
-the local solver breaks its constraints by 1e-10."""
+"""Margin, relative to `min_slack`, by which a polished decision stays above it: the observer must not round it down, and
+the local solver violates its constraints by 1e-10."""
 
 BUDGET_SAFETY = 1e-8
 """Share of a budget that the polish leaves unspent, for the same reason; it costs half as much of the privacy."""
 
 RAY_END = 1e-2
-"""Relative accuracy of the end of an affordable ray: a start for the polish, which does the rest."""
+"""Relative accuracy of the end of an affordable ray, which is only a start for the polish."""
 
 EDGE_PROBE = 1e-6
 """Step of the differences by which searches along the budget's boundary read the regret's slope: forward solves are exact to
@@ -133,8 +133,8 @@ CHORD_GAIN = 1e-6
 single decision, and halves the gap where the frontier is smooth. Privacies are stated to 1e-3."""
 
 ROW_IN_REACH = 1e-6
-"""A multiplier or spare slack below this at the end of a local search stopped it: the critical region beyond that row is
-searched too."""
+"""A row with a multiplier or spare slack below this at the end of a local search is nearly active: the critical region beyond
+it is searched too."""
 
 NO_PRIVACY = 1e-7
 """A gain in privacy below this is not taken: regret is quadratic in the distance from the true belief, so a regret
@@ -148,8 +148,8 @@ SAME_SPENDING = 1e-14
 and real price gaps of 1e-13 still count."""
 
 PARAMETER = 1e-9
-"""Relative width below which a piece of an unknown cost parameter's range is not halved again: what residuals of 1e-10
-tell apart."""
+"""Relative width below which a piece of an unknown cost parameter's range is not halved again: residuals of 1e-10 resolve no
+more."""
 
 IDENTIFIED = 1e-6
 """Relative width of a cost parameter's interval below which it is one value."""
@@ -177,7 +177,7 @@ WHOLE_STEPS = 1e-9
 
 NON_EXISTENCE_MARGIN = 1e-2
 """Default distance by which the true belief must miss the consistent set: one percentage point of belief,
-because an arbitrarily small change satisfies the paper's letter."""
+because an arbitrarily small change satisfies the paper's definition, which has 0."""
 
 INFEASIBILITY_MARGIN = 1e-6
 """Default plausibility gap of an infeasible decision, in the cost's unit: far above solver noise,
@@ -192,7 +192,7 @@ CONSTANT_COLUMN = 1e-12
 
 BELIEF_MOVES = 2e-2
 """Distance from its mean (root mean square over the decisions), or range of one regime's probability, below which a belief
-hardly moves: two percentage points, less than what a decision of four assets tells apart."""
+hardly moves: two percentage points, less than a decision on four assets resolves."""
 
 EM_CHANGE = 1e-8
 """Baum-Welch stops when the log-likelihood per observation changes by less than this."""
@@ -215,26 +215,26 @@ DAMPING = 1e-9
 
 LEAST_WEALTH = 1e-6
 """Wealth, as a share of what there was, below which marginal costs of growth stay as they are: a stake of a millionth is
-none, and larger slopes would drown those of the other states."""
+none, and larger slopes would exceed those of all other states."""
 
 LEAST_WEIGHT = 1e-10
 """A possible outcome of growth less likely than this is staked on as if it were this likely: quadratic programmes resolve
 shares of 1e-12, and what is staked too much is of the same size as what is lost by it."""
 
 SHOWN_OPTIMAL = 1e-9
-"""What conditions of optimality may be broken by, relative to the largest slope, where Newton's method started from the
-decision of another belief: it leaves roundings or has failed."""
+"""Largest residual of the optimality conditions, relative to the largest slope, where Newton's method started from the decision
+of another belief: it ends at rounding or has failed."""
 
 CONTRACT = 1e-9
 """Largest breach of a promise about costs, relative to their scale, that a contract checker forgives: accuracy asked of a
 decision problem's forward solves."""
 
 SAME_LAW = 1e-3
-"""By how much, relative to the scale of costs, a decision maker's expected costs may differ between two ways of asking it.
+"""Largest difference, relative to the scale of costs, of a decision maker's expected costs between `decide` and `decide_many`.
 Searches end within a millionth of the best privacy, which is flat there: decisions may be its root apart."""
 
 SAME_PRIVACY = 1e-6
-"""By how much, relative to itself, a stated privacy may differ between two ways of asking: what searches end within."""
+"""Largest relative difference of a stated privacy between the two: searches end within it."""
 
 NEARLY_CERTAIN = 0.95
 """Probability of one state in the nearly certain beliefs that a decision maker is tried on."""
@@ -252,16 +252,16 @@ and no gradient decides: ten times what an interior-point solver leaves."""
 
 COST_ACCURACY = 1e-9
 """How far above the optimal cost a problem's own solution may lie, relative to the largest expected size of a cost: the
-allowance that a proof makes where the problem does not say how exactly it is solved. What two solutions show of each other
-widens it."""
+allowance that a proof makes where the problem does not state its accuracy. It is widened where one solution shows a larger
+error of another."""
 
 COST_ROUNDING = 1e-14
 """Rounding of an expected cost as it is computed, relative to its size: a few dozen roundings. It is all that a constant
 added to all costs changes in a proof."""
 
 COMMON_COST = 1e3
-"""What all decisions cost alike is left out of account where it is larger than their differences by more than this: it takes
-three digits then. Below it costs are used as they are given."""
+"""A cost that all decisions share is subtracted where it exceeds their differences by more than this factor: it would take
+three digits. Below it costs are used as they are given."""
 
 LEAST_DIFFERENCE = 1e-5
 """Differences of gradients across decisions count as no smaller than this share of the gradients, over `COMMON_COST`: their
@@ -279,14 +279,14 @@ TIED = 1e-9
 times the residual at which a belief explains a decision, so that a bound never misses a tie that an observer sees."""
 
 SHARED_WIDTH = 1e-3
-"""Edge of a cell below which its corners are not asked whether they share a decision: neighbours nearly do anyway."""
+"""Edge of a cell below which its corners are not tested for a shared decision: neighbours nearly always share one."""
 
 FINEST_CELL = 1e-6
 """Cells narrower than this are not cut: what they may hold cannot be admissible, or is a limit that no decision reaches."""
 
 REDUCED_COST = 1e-11
-"""Pivots and reduced costs of the tiny programmes that bound cells: their value is computed afresh, so no more than a
-little tightness hangs on it."""
+"""Pivots and reduced costs of the tiny programmes that bound cells: any weights give a valid bound, so that only its tightness
+depends on this."""
 
 PROOF_FLOOR = 1e-2
 """A proof's gap is relative to the privacy, or to this where the privacy is smaller: distances of 1e-4 need not be resolved
@@ -296,17 +296,17 @@ PROVED = 1e-6
 """A bound this little above the privacy, in units of belief, proves it: what the polish itself leaves."""
 
 RECOMPUTED = 1e-9
-"""What sums of a saved result may differ by from what is recomputed, as a share of the costs: other orders of addition."""
+"""Largest difference of a saved result's sums from recomputed ones, as a share of the costs: other orders of addition."""
 
 NO_REGRET = 1e-12
 """Regret, as a share of the mean over beliefs and candidates, that counts as none: a difference of two costs rounds to it.
 A smaller budget allows the candidates of least regret alone."""
 
 REGRET_MET = 1e-9
-"""How far below its budget an expected regret may stay, as a share of it: what a root search leaves."""
+"""How far below its budget an expected regret may stay, as a share of it: the accuracy of a root search."""
 
 REGRET_NEAR = 1e-6
-"""The same while the law of the decisions still moves: what it changes in the value is its square."""
+"""The same while the law of the decisions still changes: its effect on the value is quadratic."""
 
 NEWTON_STEP = 1e-8
 """Share of a Newton step below which a barrier function is taken to fall no further."""
@@ -315,14 +315,14 @@ BARRIER_ROUNDING = 1e-13
 """Relative rise of a barrier function that is rounding."""
 
 RARELY_PLAYED = 1e-10
-"""An atom of a lottery with hundreds of atoms that is played less often than this goes to the row's cheapest: what all of
-them can change in a rate is 1e-5 bits."""
+"""The probability of an atom below this, in a lottery with hundreds of atoms, goes to the row's cheapest atom: all of them
+together change a rate by at most 1e-5 bits."""
 
 RATE_GAP = 1e-3
-"""Bits by which a rate and its bound may differ: far below what an observer could make use of."""
+"""Bits by which a rate and its bound may differ: far below what matters to an observer."""
 
 SELDOM = 1e-3
-"""Share of an equal share below which a column is taken not to be needed, or with which a needed one begins."""
+"""Share of 1/M, for M columns, below which a column counts as unused, and with which a new one starts."""
 
 ENVELOPE = 1e-13
 """How far, relative to its value, a column may lie above a row's concave envelope: a few hundred roundings."""
@@ -331,10 +331,10 @@ NO_ERROR = 1e-12
 """Mean square error, as a share of the prior's, that counts as none."""
 
 NO_WEIGHT = 1e-10
-"""Weight of a belief below which it moves no estimate, so that it answers the others' and is counted afterwards."""
+"""Weight of a belief below which it does not change the estimates: it plays a best reply to them and is counted afterwards."""
 
 LEAST_CENTRED = 5e-2
-"""Least share of its complementarity that an interior-point step leaves standing: keeps it near the central path."""
+"""Least share of the complementarity that an interior-point step leaves: keeps it near the central path."""
 
 ERROR_GAP = 1e-2
 """Share of its bound by which a largest mean square error may be missed where there are many beliefs and decisions."""
@@ -372,43 +372,42 @@ SADDLE_ROUNDING = 1e-13
 """Slope of a saddle value, relative to its size, below which only rounding is left of a Newton step's gain."""
 
 LAW_RESIDUAL = 1e-13
-"""What the conditions on the law of the decisions, whose scale is one, may be broken by: some hundreds of roundings."""
+"""Largest residual of the conditions on the law of the decisions, whose scale is one: some hundreds of roundings."""
 
 RETURNING_LAW = 1e-12
-"""Probability with which a decision that is not played may come back in the next trial: it is then scaled up or goes to 0."""
+"""Probability with which an unused decision may return in the next trial: it is then scaled up or goes to 0."""
 
 SAME_MEMORY = 1e-6
-"""Laws of the belief that are one memory of a rule: a step is solved to a gap, so that a law that comes back does so up to some
-1e-8; what is played after one differs from what is played after the other by about as much."""
+"""Laws of the belief closer than this are one memory of a rule: steps are solved to a gap, so that a law recurs only up to some
+1e-8, and the mechanisms after two such laws differ by about as much."""
 
 UNHEARD_BELIEF = 1e-10
-"""Weight of a belief in the observer's law below which a step is solved without it: it then plays what the others' law of the
-decisions makes of it. A decision that it alone plays would have a tenth of the digits of the others, and Newton's steps stall.
-It changes a value by less than the weight times some hundred nats, that is less than `KEPT_DECISION`."""
+"""Weight of a belief in the observer's law below which a step is solved without it: its row then follows from the others' law
+of the decisions. A decision that it alone plays would be far less accurate, and Newton's steps would stall. The value changes
+by less than the weight times some hundred nats, that is less than `KEPT_DECISION`."""
 
 ANSWER_BARRIER = 1e-6
 """Height of the barrier that keeps a rival's mixed answers inside, as a share of the prior loss over all answers together. A
-step is then optimal for another loss, and has one mixture after every decision, as it has one estimate. Against cone programmes
-it falls short by up to eight of it; ten times less, and certainty is not told from what is next to it."""
+step is then optimal for a slightly different loss, and the mixture after every decision is unique. Against cone programmes it
+falls short by up to eight times this; with a tenth of it a constant decision cannot be told from nearly constant ones."""
 
 HARDLY_MIXED = 1e-3
 """Share of a rival's answer in a mixture of its answers below which the mixture does as well without it."""
 
 MISSING_ANSWER = 1e-6
-"""Share of the prior loss that an answer of a rival must save after a decision to join those that a step is solved with: a
-tenth of `STEP_GAP`."""
+"""Share of the prior loss that a rival's answer must save after a decision to be added to those of the step: a tenth of
+`STEP_GAP`."""
 
 BARRIER_GAP = 20
-"""By how many barriers the bound of a step's value, made with their help, can lie above it: −log of shares down to 1e-9."""
+"""Multiples of the barrier's height by which the bound of a step's value can lie above it: −log of shares down to 1e-9."""
 
 LEAST_INFORMATION_PRICE = 1e-3
-"""Least price of information, as a share of the prior loss per nat, at which a step is solved. A price of 0 is played as this
-one, the limit from above: what it costs in loss is at most a thousandth of the prior's for every nat that is told, and ties
-go to the least information by themselves."""
+"""Least price of information, as a share of the prior loss per nat, at which a step is solved. It replaces a price of 0: it
+costs at most a thousandth of the prior loss for every nat leaked, and ties go to the least information."""
 
 STILL_CONTROL = 1e-4
-"""Share of its prior variance below which a control variate says nothing of a simulated mean. Without it a sequential rule that
-falls silent, so that the law hardly moves, is taken to spend a million times its regret."""
+"""Share of its prior variance below which a control variate is dropped. Where a rule becomes constant, so that the law hardly
+moves, its regret would otherwise be estimated a million times too large."""
 
 STEP_GAP = 1e-5
 """Gap of a step's value by its dual bound, as a share of the prior loss, in nats where information alone counts, above which
@@ -429,8 +428,7 @@ CEILING_GAP = 2e-5
 """Share of the prior loss to which the best price of a ceiling is found."""
 
 LEAST_TEMPTING = 1e-4
-"""Share of the prior loss to which estimates after decisions that are not played are found for a bound, which they loosen by
-as much."""
+"""Accuracy of the estimates after unused decisions in a bound, as a share of the prior loss; they loosen it by as much."""
 
 LEAST_LAW = 1e-9
 """Share of the prior in the posterior laws of cuts of the information, so that their logarithms are finite."""
@@ -442,18 +440,18 @@ LINE_SEARCH = 1e-4
 """Share of the way between two tables to which the best mixture of them is found; the programme improves it."""
 
 GUARANTEE_ROUNDING = 1e-13
-"""What a table may miss a guarantee by before it is repaired: probabilities and errors of beliefs are at most one, and are sums
-over some hundreds of beliefs."""
+"""Largest violation of a guarantee by a table that is not repaired: probabilities and errors of beliefs are at most one, and
+are sums over some hundreds of beliefs."""
 
 GUARANTEE_MET = 1e-9
-"""What a guarantee may be missed by and counts as given where no other table gives more: ten times what linear programmes
-resolve. Wherever there is room, tables keep within `GUARANTEE_ROUNDING`."""
+"""Largest violation that counts as none where no other table gives more: ten times the accuracy of linear programmes. All other
+tables keep within `GUARANTEE_ROUNDING`."""
 
 DEAREST_REPAIR = 1e-3
-"""Share of the way to a rule that looks at no belief beyond which a table is not repaired for such a small miss."""
+"""Share of the way to a rule that does not depend on the belief beyond which so small a violation is not repaired."""
 
 LEAST_REGRET_GAP = 1e-4
-"""Gap between a least regret and its bound, as a share of the silence regret, that counts as none unless less is asked for."""
+"""Default gap between a least regret and its bound, as a share of the silence regret."""
 
 STABLE = 1e-12
 """Distance of an eigenvalue's modulus from one below which a stationary law is not computed: rounding decides of it."""
@@ -473,16 +471,16 @@ WELL_CONDITIONED = 1e-5
 """Ratio of the smallest to the largest diagonal entry of a triangular factor above which it stands for a large covariance."""
 
 ALL_LEFT = 1e-9
-"""Share of a variance below one by this much that is taken to be left whole: nothing leaks about it, and no noise is drawn."""
+"""A remaining share of a variance above one minus this counts as one: nothing leaks about it, and no noise is drawn."""
 
 COMMUTING = 1e-12
 """Difference of two products of matrices, relative to both, below which the matrices have the same directions."""
 
 TIED_RATE = 1e-12
-"""Relative difference of two gains a cost that counts as a tie, which goes to the least information."""
+"""Relative difference of two ratios of gain to cost that counts as a tie, which goes to the least information."""
 
 LOST_ERROR = 1e-7
-"""What the largest error of one decision may lose, as a share of it: a tenth of what cone programmes are asked for."""
+"""Relative accuracy of the largest error of one decision: a tenth of the cone programmes'."""
 
 SIMULATED_SPENT = 1e-3
 """How far a simulated regret may be from the budget, as a share: a tenth of its standard error at ten thousand draws."""
@@ -500,7 +498,7 @@ REGRET_SPENT = 1e-9
 """How far the regret of a rule over time may miss its limit before a mixture of two rules spends it, as a share of it."""
 
 MIXTURE_LOSS = 1e-8
-"""What a mixture of two rules over time may lose against the best one, as a share of the limit times the price of regret."""
+"""Largest loss of a mixture of two rules over time against the best one, as a share of the limit times the price of regret."""
 
 ERROR_PRICES = (1e-2, 1e-3, 1e-4, 1e-5)
 """Prices of the bits of one direction, as shares of the mean error of a direction, by which the largest error over time is
@@ -513,7 +511,7 @@ INTERIOR_OVER_TIME = 1e-6
 """Gap at which the interior-point method for it ends: a step gains a digit; at 1e-8 rounding ends factors of 100 signals."""
 
 REGRET_NEARLY_SPENT = 1e-2
-"""The same for rules that only say where to begin at a smaller price of bits."""
+"""The same for rules that are only starts at a smaller price of bits."""
 
 OVER_TIME_GAP = 1e-4
 """Gap of a rule over time by its dual bound, as a share of it, that counts as none."""
@@ -556,5 +554,5 @@ PARAMETER_PLACE = 1e-6
 """Width, as a share of a parameter's range, at which the search for the largest likelihood ends: intervals are far wider."""
 
 TRANSITION_TOLD = 1e-9
-"""How much beliefs must determine a transition: the gap of the equations of a symbol's steps times the least singular value of
+"""How well beliefs must determine a transition: the gap of the equations of a symbol's steps times the least singular value of
 the transition. Rounding over it is the error of the transition, here some 1e-7; below it the transition is left open."""

@@ -1,4 +1,4 @@
-"""Checks of what a user passes in: each returns a clean array or raises one InputError that names the offence."""
+"""Checks of arguments: each returns a clean array or raises one `InputError` that names the fault."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def real_array(value: Any, name: str, axes: Axes | None = None) -> Array:
 def finite_array(
     value: Any, name: str, *, ndim: int | tuple[int, ...], limits: bool = False, axes: Axes | None = None
 ) -> Array:
-    """Return `value` as `real_array` does, of the asked rank, without NaN, and without infinity but in `limits`."""
+    """Return `value` as `real_array` does, of the given rank, without NaN, and without infinity unless `limits`."""
     array = real_array(value, name, axes)
     ranks = (ndim,) if isinstance(ndim, int) else ndim
     if array.ndim not in ranks:
@@ -47,7 +47,7 @@ def finite_array(
 
 
 def read_only(holder: object, *names: str) -> None:
-    """Make arrays of a frozen object read-only for all who share it; None and what is no array stays as it is."""
+    """Make the arrays of a frozen object read-only; other values stay as they are."""
     for name in names:
         value = getattr(holder, name)
         if isinstance(value, np.ndarray):

@@ -85,7 +85,7 @@ def test_a_cost_without_an_end_is_a_model_error():
     region = Polyhedron([[-1.0, 0.0]], [0.0])
     problem = MarkowitzProblem([[0.1, 0.1]], [np.diag([1.0, 0.0])], 1.0, region)
     with pytest.raises(
-        ModelError, match=r"no minimum over the feasible set: it falls without end along u\[1\] \+1; bound"
+        ModelError, match=r"no minimum over the feasible set: it is unbounded below along u\[1\] \+1; bound"
     ):
         problem.solve([1.0])
 

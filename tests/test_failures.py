@@ -100,11 +100,11 @@ def endless_vertices():
 
 
 MODELS = {
-    r"nothing is left; swap the two": lambda: long_short(3, gross=1.5, net=(0.5, 0.2)),
+    r"an empty range: swap the two": lambda: long_short(3, gross=1.5, net=(0.5, 0.2)),
     r"give a start inside their domain": lambda: ConvexProblem.from_functions(
         lambda u: np.array([np.inf, u[0]]), lambda u: np.zeros((2, 2)), simplex(2)
     ),
-    r"the cost has no minimum over the feasible set: it falls without end along u\[1\]": lambda: (
+    r"the cost has no minimum over the feasible set: it is unbounded below along u\[1\]": lambda: (
         with_no_minimum().solve(PAIR)
     ),
     r"the cost has no minimum over the feasible set: \S": endless_vertices,

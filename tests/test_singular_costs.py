@@ -127,7 +127,7 @@ def test_a_cost_without_end_is_named_with_its_direction(bent):
         lambda: ProbabilisticDecisionMaker(problem).decide([0.6, 0.4]),
     )
     for ask in asks:
-        with pytest.raises(ModelError, match=r"falls without end along u\[\d\].*bound these"):
+        with pytest.raises(ModelError, match=r"unbounded below along u\[\d\].*bound these"):
             ask()
 
 
@@ -137,5 +137,5 @@ def test_an_end_that_only_the_repair_meets_is_named_too():
 
     layout = layout_of(Polyhedron(A_eq=[[1.0, 1.0]], b_eq=[1.0]))
     working = _Working(np.zeros(2, dtype=np.int8), np.zeros(0, dtype=bool))
-    with pytest.raises(ModelError, match="falls without end along"):
+    with pytest.raises(ModelError, match="unbounded below along"):
         _repair(np.zeros((2, 2)), np.array([1.0, 0.0]), layout, working, np.array([0.5, 0.5]))

@@ -1,4 +1,4 @@
-"""Step 3: what the agent decides, at what cost, under which constraints."""
+"""Step 3: decision problems, their costs and feasible sets."""
 
 from inscrutable.problems.afriat import (
     RevealedPreferences,

@@ -1,4 +1,4 @@
-"""Choices at different prices: do they maximise some utility, how nearly, and which.
+"""Revealed preferences: whether choices at different prices maximise some utility, how nearly, and such a utility.
 
 With spending ratios e_ts = p_t'x_s / p_t'x_t, choice t is revealed preferred to s at efficiency e where e_ts ≤ e, strictly
 where e_ts < e. Consistency (GARP) forbids a cycle of preferences with a strict one in it, so it depends on the strongly
@@ -29,7 +29,7 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RevealedPreferences(Summarised, Saved):
-    """Whether choices at known prices maximise a utility, and one that they do.
+    """Whether choices at known prices maximise a utility, and such a utility.
 
     Formula: U(x) = min_t (u_t + λ_t p_t'(x − e x_t)) with u_s ≤ u_t + λ_t p_t'(x_s − e x_t) and λ > 0: concave, increasing and
     piecewise linear; no x with p_t'x ≤ e p_t'x_t has a larger utility than x_t.
@@ -37,12 +37,12 @@ class RevealedPreferences(Summarised, Saved):
     Args:
         prices: p_t, shape (T,U), scaled so that each choice costs one.
         choices: x_t, shape (T,U).
-        efficiency: e, the share of its budget whose alternatives a choice must be as good as; 1 is full rationality.
+        efficiency: e: a choice must be as good as every one that costs at most this share of it; 1 is full rationality.
         is_consistent: Whether the choices satisfy GARP at this efficiency.
         cycle: Observations each revealed preferred to the next, and the last to the first, with a strict one among them;
             empty where there is none.
         efficiency_index: Afriat's index, the supremum of the efficiencies at which the choices are consistent, at most 1.
-        utilities: u_t, shape (T,); NaN where the choices are inconsistent, or so nearly that floats hold no such numbers.
+        utilities: u_t, shape (T,); NaN where the choices are inconsistent, or nearly so that the numbers overflow.
         multipliers: λ_t, shape (T,), utility per share of the budget; at least 1; NaN as the utilities.
         goods: Labels of the goods where the tables had them.
 
@@ -81,7 +81,7 @@ class RevealedPreferences(Summarised, Saved):
         Raises:
             InputError: Another number of goods.
             ModelError: The choices are inconsistent at this efficiency.
-            SolverError: They are consistent, but so nearly not that no floats hold a utility.
+            SolverError: They are consistent, but so nearly inconsistent that the utility's numbers overflow.
         """
         points = validation.real_array(choices, "choices", (Axis("good", self.goods),))
         if points.ndim == 0 or points.shape[-1] != self.prices.shape[1]:
@@ -125,7 +125,7 @@ def revealed_preferences(prices: ArrayLike, choices: ArrayLike, *, efficiency: f
 
     Formula: GARP at efficiency e: x_t R x_s implies e p_s'x_s ≤ p_s'x_t; the index is the smallest, over cycles, of a cycle's
     largest spending ratio p_t'x_s / p_t'x_t, or 1; the utility is Afriat's, with the least Σλ unless ratios are so
-    nearly tied that a linear programme does not resolve them.
+    nearly tied that a linear programme cannot tell them apart.
 
     Args:
         prices: p_t, shape (T,U), at least 0.
@@ -269,8 +269,8 @@ def _graph(preferred: np.ndarray) -> Any:
 def _afriat_numbers(ratios: Array, efficiency: float) -> tuple[Array, Array]:
     """u_s ≤ u_t + λ_t (e_ts − e) and λ ≥ 1, NaN where no floats have it.
 
-    The linear programme's numbers are the smaller (some hundred times for 30 random choices near their index), but it takes
-    ratios within 1e-9 of e for e; the others are exact to rounding, and grow with the number of near ties.
+    The linear programme's numbers are smaller (a hundredth for 30 random choices near their index), but it cannot tell ratios
+    within 1e-9 of e from e; the others are exact to rounding, and grow with the number of near ties.
     """
     excess = ratios - efficiency
     for numbers in (_least_numbers, _numbers_in_order):
@@ -300,7 +300,7 @@ def _least_numbers(excess: Array) -> tuple[Array, Array]:
 
 
 def _numbers_in_order(excess: Array) -> tuple[Array, Array]:
-    """Varian's construction: the most preferred choices first, each with the largest u and the least λ that those leave."""
+    """Varian's construction: the most preferred choices first, each with the largest u and the least λ that these allow."""
     number, part = connected_components(_graph(excess <= 0.0), connection="strong")
     above = np.zeros((number, number), dtype=bool)
     above[tuple(part[side] for side in np.nonzero(excess <= 0.0))] = True

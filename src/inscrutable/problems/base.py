@@ -21,7 +21,7 @@ class DecisionProblem(ABC):
 
     A subclass gives `constraints`, `n_states`, `solve`, `state_costs` and `cost_gradients`; the rest follows. One whose costs
     are quadratic or linear says so by `quadratic_form` or `linear_form`, and is then searched and proved as such; costs with
-    kinks override `smooth_form`. `inscrutable.testing.check_decision_problem` says whether the promises are kept.
+    kinks override `smooth_form`. `inscrutable.testing.check_decision_problem` tests a subclass.
 
     Source: the paper, eq. (3).
 
@@ -39,11 +39,11 @@ class DecisionProblem(ABC):
     """The states' labels where the problem was built from labelled tables: labelled beliefs are aligned with them."""
 
     is_discrete: bool = False
-    """Whether only single choices are decisions, and nothing between them."""
+    """Whether decisions are single choices, without mixtures."""
 
     cost_accuracy: float = tolerances.COST_ACCURACY
     """How far above V(π) the cost of `solve(π)` may lie, relative to the largest expected size Σ π_i|c(i,u) − c(i,v)| of a
-    difference of costs: what proofs allow for, beside the rounding of costs."""
+    difference of costs; proofs allow for it and for the rounding of costs."""
 
     @property
     def costs_are_unique(self) -> bool:
@@ -53,7 +53,7 @@ class DecisionProblem(ABC):
     @property
     def without_common_costs(self) -> DecisionProblem:
         """The problem without costs that all decisions share in a state: the same decisions, regrets and consistent beliefs,
-        none of whose digits a large common cost takes; the problem itself is always right."""
+        without the rounding of a large common cost. Returning the problem itself is always valid."""
         return self
 
     @property
@@ -84,22 +84,22 @@ class DecisionProblem(ABC):
         """Return ∇_u c(i,u) for every state i: shape (X,U), or (…,X,U) for decisions (…,U)."""
 
     def quadratic_form(self) -> QuadraticForm | None:
-        """Return the quadratic costs that the problem has; None is always safe, but searches are exact and fast with them."""
+        """Return the costs as quadratic ones, or None, which is always valid; with them searches are exact and fast."""
         return None
 
     def linear_form(self) -> LinearForm | None:
-        """Return the linear costs that the problem has; None is always safe, but proofs are exact with them."""
+        """Return the costs as linear ones, or None, which is always valid; with them proofs are exact."""
         return None
 
     def smooth_form(self) -> SmoothForm | None:
-        """Return the problem that an observer solves backwards; None where `explaining_rows` gives the consistent beliefs.
+        """Return the smooth problem that an observer inverts; None where `explaining_rows` gives the consistent beliefs.
 
-        Costs with kinks give the one in which their kinks are rows of the feasible set; others give themselves.
+        For costs with kinks it is one in which the kinks are rows of the feasible set; for others the problem itself.
         """
         return SmoothForm(self.constraints, self.cost_gradients)
 
     def explaining_rows(self, action: Array) -> Array | None:
-        """Return rows Q (m,X) with Π(u) = {π : Q π ≥ 0} of one decision (U,) where no gradient decides, else None."""
+        """Return rows Q (m,X) with Π(u) = {π : Q π ≥ 0} of one decision (U,) for costs without gradients, else None."""
         return None
 
     def as_points(self, actions: ArrayLike) -> Array:
@@ -107,7 +107,7 @@ class DecisionProblem(ABC):
         return validation.points(actions, self.n_actions, self.asset_names)
 
     def as_actions(self, points: Array) -> Any:
-        """Return points (…,U) as the decisions a reader meets: themselves, unless decisions are whole numbers."""
+        """Return points (…,U) as decisions of the public interface: themselves, unless decisions are whole numbers."""
         return points
 
     def solve_points(self, beliefs: ArrayLike) -> Array:
@@ -145,7 +145,7 @@ class DecisionProblem(ABC):
     def check_beliefs(self, beliefs: ArrayLike, *, rows: Axis | None = None) -> Array:
         """Return beliefs (X,) or (T,X) as floats in the order of the states' labels; raise `InputError` for others.
 
-        `rows` are the labels that beliefs and what goes with them row by row must share.
+        `rows` is the axis of labels that the beliefs share with other arguments row by row.
         """
         return validation.beliefs(beliefs, self.n_states, names=self.state_names, rows=rows)
 
@@ -174,7 +174,7 @@ class DecisionProblem(ABC):
 
 
 def _plain(values: Array) -> Array:
-    """A number of NumPy's for one belief and one decision, an array for many."""
+    """A NumPy number for one belief and one decision, an array for many."""
     return np.asarray(values)[()]
 
 

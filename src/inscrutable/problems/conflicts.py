@@ -17,16 +17,16 @@ _MOST_LISTED = 12
 
 @dataclass(frozen=True, repr=False)
 class RowConflict(Summarised):
-    """Rows of a feasible set that no decision satisfies together; without any one of them some decision would.
+    """An irreducible set of rows that no decision satisfies together; without any one of them some decision would.
 
     Formula: rows A_ub u ≤ b_ub and A_eq u = b_eq contradict one another where y ≥ 0 and w exist with
     A_ub'y + A_eq'w = 0 and b_ub'y + b_eq'w = −1; the rows of a corner of these (y, w) are irreducible.
 
     Args:
         names: The rows in conflict.
-        amounts: By how much each of them would have to give way if it alone did, in the unit of its right-hand side.
-        relaxed: The rows that the least relaxation of all rows moves; other conflicts may be among them.
-        relaxations: By how much it moves each of them, in the unit of its right-hand side.
+        amounts: The relaxation of each of them that alone removes the conflict, in the unit of its right-hand side.
+        relaxed: The rows that change in the relaxation of least sum; they may belong to other conflicts too.
+        relaxations: The change of each of them, in the unit of its right-hand side.
 
     Source: Farkas' lemma; Gleeson and Ryan (ORSA Journal on Computing 2, 1990).
 
@@ -104,7 +104,7 @@ def _scale(below: Rows, equal: Rows) -> Array:
 
 
 def _irreducible(below: Rows, equal: Rows) -> tuple[np.ndarray, Array]:
-    """Rows of one irreducible conflict and by how much each alone would have to give way: a corner of Farkas' multipliers."""
+    """Rows of one irreducible conflict and the relaxation of each alone: a corner of Farkas' multipliers."""
     n, e = len(below.sides), len(equal.sides)
     scale = _scale(below, equal)
     matrix = np.vstack([below.matrix, equal.matrix]) / scale[:, None]

@@ -20,7 +20,7 @@ from inscrutable.validation import Array
 
 _MOST_PATTERNS = 4096
 _MOST_ENTRIES = 8_000_000
-"""Bounds on the patterns of tight rows that a set remembers; one takes about U by U entries, so 64 MB."""
+"""The most patterns of tight rows that a set stores; one takes about U by U entries, so 64 MB in all."""
 
 
 class Polyhedron:
@@ -37,7 +37,7 @@ class Polyhedron:
         b_eq: Their right-hand sides, shape (e,).
         names: One name per row, inequalities first; they come back in messages.
         min_slack: Least slack of an inequality row that is not tight in an admissible decision, in units of the
-            row's largest coefficient; 0 is the paper's letter.
+            row's largest coefficient; the paper has 0.
         asset_names: One label per coordinate; None takes those of labelled rows. Labelled decisions are aligned with them,
             and so are sets combined with this one and the costs of a problem over it.
 
@@ -54,7 +54,7 @@ class Polyhedron:
     """
 
     needs_lift: bool = False
-    """Whether rows in the decision itself do not say all: `MagnitudeRegion`."""
+    """Whether the set needs more variables than the decision's, as a `MagnitudeRegion` does."""
 
     def __init__(
         self,
@@ -90,10 +90,10 @@ class Polyhedron:
         self._is_feasible = False  # until found to be
 
     def _keep_rows(self, names: list[str]) -> None:
-        """Keep the rows that limit something; raise `ModelError` for one that nothing satisfies."""
+        """Drop rows that every decision satisfies; raise `ModelError` for one that none satisfies."""
         n = len(self.b_ub)
         empty = np.asarray(~np.vstack([self.A_ub, self.A_eq]).any(axis=1))
-        missed: Array = np.concatenate([-self.b_ub, np.abs(self.b_eq)])  # by how much 0 misses the side
+        missed: Array = np.concatenate([-self.b_ub, np.abs(self.b_eq)])  # by how much 0 violates the row
         broken = np.asarray((empty & (missed > tolerances.FEASIBILITY)) | np.isposinf(missed))
         if broken.any():
             row = int(broken.argmax())
@@ -137,7 +137,7 @@ class Polyhedron:
 
     @cached_property
     def _bounds(self) -> tuple[np.ndarray | slice | None, Array]:
-        """Where every inequality bounds one coordinate: which, and with which factor; a product would take its square."""
+        """Coordinate and factor of each inequality, where every one has one coordinate: a product would take U² operations."""
         if not len(self.A_ub) or np.any(np.count_nonzero(self.A_ub, axis=1) != 1):
             return None, np.empty(0)
         column = np.abs(self.A_ub).argmax(axis=1)
@@ -150,16 +150,16 @@ class Polyhedron:
 
     @cached_property
     def observed_slack(self) -> float:
-        """Slack below which an observer counts a row as tight: `min_slack`, and at least what rounding leaves of none."""
+        """Slack below which an observer counts a row as tight: `min_slack`, at least the rounding of a zero slack."""
         return max(self.min_slack, tolerances.FEASIBILITY)
 
     @cached_property
     def played_slack(self) -> float:
-        """Least slack that searches leave to a loose row: above `observed_slack` by more than they break rows by."""
+        """Least slack that searches leave to a loose row: above `observed_slack` by more than their own violations."""
         return self.observed_slack + max(tolerances.SLACK_SAFETY * self.min_slack, tolerances.FEASIBILITY)
 
     def stationarity(self, tight: np.ndarray) -> StationarityRows:
-        """Return the rows that say, without multipliers, when a gradient is stationary with the rows `tight` active."""
+        """Return the conditions, without multipliers, for a gradient to be stationary with the rows `tight` active."""
         key = tight.tobytes()
         known = self._stationarity.get(key)
         if known is None:
@@ -193,7 +193,7 @@ class Polyhedron:
         raise InputError(f"{name}{where} is outside the feasible set: {self.worst_row(np.atleast_2d(points)[bad[0]])}")
 
     def worst_row(self, action: Array) -> str:
-        """Return which row a decision (U,) misses most, and by how much."""
+        """Return which row a decision (U,) violates most, and by how much."""
         slack, off = self.slacks(action), self.A_eq @ action - self.b_eq
         if slack.size and -slack.min() >= np.abs(off).max(initial=0.0):
             return f"{self.names[int(slack.argmin())]} is violated by {-slack.min():.3g}"
@@ -212,10 +212,9 @@ class Polyhedron:
     def __and__(self, other: Polyhedron) -> Polyhedron:
         """Return the intersection; names are kept, coordinates aligned by them, the larger `min_slack` is used.
 
-        Of inequalities with the same direction the tighter one is kept, the first of equal ones: an observer and a search
-        count each limit once.
+        Of inequalities with the same direction the tighter one is kept, of equal ones the first.
         """
-        if not isinstance(other, Polyhedron) or other.needs_lift:  # which knows how to meet rows
+        if not isinstance(other, Polyhedron) or other.needs_lift:  # which has its own intersection
             return NotImplemented
         if other.n_actions != self.n_actions:
             raise InputError(f"cannot intersect sets in {self.n_actions} and {other.n_actions} coordinates")
@@ -276,7 +275,7 @@ class Polyhedron:
         return found
 
     def extreme(self, direction: Array) -> Array:
-        """Return a decision (U,) that is least along a direction (U,) in which the set has an end."""
+        """Return a decision (U,) that minimises a linear function (U,) with a minimum over the set."""
         return minimum(direction, Rows(self.A_ub, self.b_ub), Rows(self.A_eq, self.b_eq)).x
 
     def affine_hull(self, ends: Array) -> Array:
@@ -285,7 +284,7 @@ class Polyhedron:
         return null_space(hull, rcond=tolerances.ON_FACE) if len(hull) else np.eye(self.n_actions)
 
     def _flat_rows(self, ends: Array) -> np.ndarray:
-        """Which rows are tight all over the set: the mean of its ends is slack in every row that can be."""
+        """Which rows are tight at every decision: the mean of `ends` is slack in all others."""
         return np.asarray(self.slacks(ends.mean(axis=0)) <= tolerances.FEASIBILITY)
 
     def reach(self, points: Array, directions: Array, ends: Array) -> tuple[Array, Array]:
@@ -314,10 +313,10 @@ class Polyhedron:
 
 
 class Bounds(Polyhedron):
-    """A feasible set whose inequalities bound one coordinate each; as rows they are written out only when asked for.
+    """A feasible set whose inequalities bound one coordinate each; `A_ub` is made only on demand.
 
-    Formula: f_r u_{j(r)} ≤ s_r for each r, and A_eq u = b_eq: memory is linear in the coordinates. It is what `box`, `simplex`,
-    `min_weights` and `max_weights` return, and their intersections.
+    Formula: f_r u_{j(r)} ≤ s_r for each r, and A_eq u = b_eq: memory is linear in the coordinates. `box`, `simplex`,
+    `min_weights` and `max_weights` return it, and their intersections are of this class.
 
     Args:
         n: Number of coordinates.
@@ -345,7 +344,7 @@ class Bounds(Polyhedron):
         kept = np.flatnonzero(~np.isposinf(sides)).tolist()
         self.b_ub, self._held = sides[kept], (columns[kept], factors[kept])
         self.names = (*(names[row] for row in kept), *self.names)
-        del self.A_ub  # made when it is asked for
+        del self.A_ub  # made on demand
 
     def __getattr__(self, name: str) -> Any:
         if name != "A_ub" or "_held" not in vars(self):
@@ -415,7 +414,7 @@ class Bounds(Polyhedron):
         )
 
     def conflict(self) -> RowConflict | None:
-        """Return rows that no decision satisfies together, as `Polyhedron.conflict`; seen at once for one equality at most."""
+        """Return rows that no decision satisfies together, as `Polyhedron.conflict`; at once for one equality at most."""
         if not self._is_feasible and len(self.b_eq) <= 1:
             lower, upper = self.coordinate_bounds
             row = self.A_eq[0] if len(self.b_eq) else np.zeros(self.n_actions)
@@ -435,15 +434,15 @@ def checked_region(
 ) -> Polyhedron:
     """Return a feasible set in `n_actions` coordinates that is not empty, or raise `InputError` or `ModelError`.
 
-    Its coordinates are put in the order of `assets`, which learns the set's own where it has none. One that is no set of rows
-    in the decision is for problems that say that they lift it.
+    Its coordinates are put in the order of `assets`, which takes the set's where it has none. `lifts` says that the problem
+    accepts a set that needs more variables.
     """
     if not isinstance(constraints, Polyhedron):
         raise InputError(f"constraints must be a Polyhedron, got {type(constraints).__name__}")
     if constraints.n_actions != n_actions:
         raise InputError(f"constraints have {constraints.n_actions} coordinates, the costs {n_actions}")
     if constraints.needs_lift and not lifts:
-        _ = constraints.A_ub  # says why, and what to do
+        _ = constraints.A_ub  # raises the error that says what to do
     constraints.check_feasible()
     return constraints if assets is None else constraints.in_order(assets)
 
@@ -505,12 +504,12 @@ def simplex(n: int, *, min_slack: float = tolerances.MIN_SLACK) -> Polyhedron:
 
     Args:
         n: Number of coordinates, at least 1.
-        min_slack: Least weight that is not zero in an admissible decision; 0 is the paper's letter.
+        min_slack: Least weight that is not zero in an admissible decision; the paper has 0.
 
     Raises:
         InputError: `n` is not a whole number of at least 1.
 
-    Source: the paper, eq. (7).
+    Cost: none; `n` bounds. Source: the paper, eq. (7).
 
     Example:
         >>> simplex(3).names[-1]
@@ -533,6 +532,8 @@ def box(lower: ArrayLike, upper: ArrayLike, *, min_slack: float = tolerances.MIN
     Raises:
         InputError: Shapes differ, a bound is NaN, or no bound is finite.
         ModelError: A lower bound is above its upper bound, or inf; an upper bound is −inf.
+
+    Cost: none; one bound per finite entry. Source: the paper, eq. (3).
 
     Example:
         >>> (simplex(3) & box([0, 0, 0], [0.5, 0.5, 0.5])).n_actions

@@ -1,4 +1,4 @@
-"""Convex costs of a user's own: written in CVXPY, or given as functions with their gradients."""
+"""A user's own convex costs: written in CVXPY, or given as functions with their gradients."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ class ConvexProblem(DecisionProblem):
 
     Formula: c(i,u) = costs[i] over u ∈ C.
 
-    Costs that are quadratic or affine in the variable are recognised and solved as such. Of others the decision for equal
-    probabilities is found by Clarabel and polished by Newton's method; from there Newton's method alone finds the rest,
-    and Clarabel again where multipliers do not show an optimum. `from_functions` takes functions instead and needs no extra.
+    Costs that are quadratic or affine in the variable are recognised and solved as such. For others Clarabel solves for equal
+    probabilities, and Newton's method finds the decision of every other belief from there; Clarabel is used again where the
+    multipliers do not prove an optimum. `from_functions` takes functions instead and needs no extra.
 
     Args:
         variable: A `cvxpy.Variable` of shape (U,); its signs and `bounds` are constraints too.
         costs: X convex `cvxpy` expressions in this variable alone, one per state, in the cost's unit.
         constraints: A `Polyhedron`, or a list of `cvxpy` constraints: affine, or with norms 1 and inf, `abs`, `max`, `pos` and
-            further variables that amount to rows and to sums of magnitudes of single coordinates. Sums of more than ten
+            further variables that reduce to rows and to sums of magnitudes of single coordinates. Sums of more than ten
             magnitudes need quadratic or affine costs.
-        differentiable: Whether the costs have gradients all over C; None looks: absolute values, maxima and norms that can
-            be zero on C are taken for kinks. With kinks Π(u) is found by cutting planes, as the beliefs that lose at
-            most 1e-6 of the cost's scale.
-        strictly_convex: Whether every state's cost is strictly convex on C, as the user knows: optimal decisions are then
-            unique, and proofs become faster. Quadratic and affine costs are looked at instead.
+        differentiable: Whether the costs have gradients everywhere on C; None tests it: absolute values, maxima and norms that
+            can be zero on C count as kinks. With kinks Π(u) is found by cutting planes, as the beliefs under which the
+            decision's regret is at most 1e-6 of the cost's scale.
+        strictly_convex: Whether every state's cost is strictly convex on C, by the user's knowledge: optimal decisions are then
+            unique, and proofs are faster. For quadratic and affine costs it is computed instead.
 
     Raises:
         InputError: `cvxpy` is missing, a cost is not convex, scalar or depends on another variable, a constraint is not
@@ -69,7 +69,7 @@ class ConvexProblem(DecisionProblem):
     """
 
     _stated: DecisionProblem | None
-    """The quadratic or linear problem that the expressions turn out to be."""
+    """The quadratic or linear problem of the expressions, where they have that form."""
 
     def __init__(
         self,
@@ -100,15 +100,15 @@ class ConvexProblem(DecisionProblem):
 
     @property
     def costs_are_unique(self) -> bool:
-        """Whether all optimal decisions of a belief have the same state costs: looked up, or declared."""
+        """Whether all optimal decisions of a belief have the same state costs: computed, or as declared."""
         return self.strictly_convex if self._stated is None else self._stated.costs_are_unique
 
     def quadratic_form(self) -> QuadraticForm | None:
-        """Return the quadratic costs that the expressions turn out to be."""
+        """Return the expressions as quadratic costs, where they have that form."""
         return None if self._stated is None else self._stated.quadratic_form()
 
     def linear_form(self) -> LinearForm | None:
-        """Return the linear costs that the expressions turn out to be."""
+        """Return the expressions as linear costs, where they have that form."""
         return None if self._stated is None else self._stated.linear_form()
 
     def smooth_form(self) -> SmoothForm | None:
@@ -121,7 +121,7 @@ class ConvexProblem(DecisionProblem):
 
     @cached_property
     def _gradient_size(self) -> float:
-        """How large gradients are where the search begins; 0 where they are infinite there."""
+        """Size of the gradients at the start of the search; 0 where they are infinite there."""
         with np.errstate(all="ignore"):
             size = float(np.abs(self._gradients(self._start[None])).max(initial=0.0))
         return size if np.isfinite(size) else 0.0
@@ -150,7 +150,7 @@ class ConvexProblem(DecisionProblem):
             gradients: Returns their gradients, shape (X,U).
             constraints: The feasible set C.
             start: A feasible decision inside the costs' domain, (U,); None is one as far from the rows as possible.
-            strictly_convex: As of the constructor.
+            strictly_convex: As in the constructor.
 
         Raises:
             InputError: A function returns another shape.
@@ -204,8 +204,8 @@ class ConvexProblem(DecisionProblem):
         return np.asarray(solved[0]) if held.ndim == 1 else solved
 
     def _solved(self, model: Modelled, beliefs: Array) -> Array:
-        """Newton's method from the decision for equal probabilities, and an interior-point solver where its multipliers
-        do not show an optimum. The start is always the same, so that ties fall alike."""
+        """Newton's method from the decision for equal probabilities, and an interior-point solver where its multipliers do not
+        prove an optimum. The start is always the same, so that ties are broken the same way."""
         found = np.empty((len(beliefs), self.n_actions))
         left = np.ones(len(beliefs), dtype=np.bool_)
         if self.differentiable and self._central is not None:
@@ -227,7 +227,7 @@ class ConvexProblem(DecisionProblem):
         return found if np.isfinite(_Expected(self).values(middle, found)).all() else None
 
     def _shown_optimal(self, beliefs: Array, points: Array) -> np.ndarray:
-        """Whether multipliers show points (n,U) optimal."""
+        """Whether multipliers prove points (n,U) optimal."""
         region = self.constraints
         with np.errstate(all="ignore"):
             gradients = np.einsum("nx,nxu->nu", beliefs, np.asarray(self._gradients(points)))
@@ -246,7 +246,7 @@ class ConvexProblem(DecisionProblem):
         return np.asarray(shown)
 
     def _polished(self, beliefs: Array, rough: Array) -> Array:
-        """The interior-point solver's points, made exact where costs have gradients, and feasible elsewhere."""
+        """The interior-point solver's points, polished where costs have gradients, and made feasible elsewhere."""
         found, left = np.array(rough), np.arange(len(rough))
         if self.differentiable:
             found = self._newton(beliefs, rough)
@@ -263,7 +263,7 @@ class ConvexProblem(DecisionProblem):
             return minimise_smooth(_Expected(self), beliefs, starts, self._layout)
         except (SolverError, ModelError):
             if len(beliefs) == 1:
-                return np.array(starts)  # a kink after all: the interior point is what there is
+                return np.array(starts)  # an undetected kink: keep the interior-point solution
         return np.vstack([self._newton(*pair) for pair in zip(beliefs[:, None], starts[:, None], strict=True)])
 
     def state_costs(self, actions: ArrayLike) -> Array:
@@ -297,10 +297,10 @@ class ConvexProblem(DecisionProblem):
         return slopes.reshape(*points.shape[:-1], self.n_states, self.n_actions)
 
     def explaining_rows(self, action: Array) -> Array | None:
-        """Return rows Q (m,X) with Π(u) = {π : Q π ≥ 0} up to the accuracy of the costs, or None where gradients say it.
+        """Return rows Q (m,X) with Π(u) = {π : Q π ≥ 0} up to the accuracy of the costs, or None where costs have gradients.
 
-        Each row is s(v) − s(u) for an optimal decision v; rows are added at the corners of what is left until none of them
-        loses more than the tolerance.
+        Each row is s(v) − s(u) for an optimal decision v; rows are added at the corners of the set until the regret at every
+        corner is within the tolerance.
         """
         if self.differentiable:
             return None
@@ -351,7 +351,7 @@ class _Expected:
         with np.errstate(all="ignore"):
             # In one pass: the atoms of few points cost as much as those of one.
             found = self._moved(held, points, np.vstack([np.zeros(size), moves]))
-            # One side is enough: an error of the step's size in the curvature costs no more than that share of a step.
+            # One-sided: an error of the step's size in the curvature changes a Newton step by that share only.
             slopes, sides = found[:, 0], found[:, 1:] - found[:, :1]
             off = np.flatnonzero(~np.isfinite(sides).all(axis=(1, 2)))
             if off.size:
@@ -381,7 +381,7 @@ def _middle(region: Polyhedron) -> Array:
 
 
 def _recognised(model: Modelled, region: Polyhedron) -> DecisionProblem | None:
-    """The quadratic or linear problem that the expressions state, if they do."""
+    """The expressions as a quadratic or linear problem, or None."""
     if not model.is_quadratic:
         return None
     size = model.n_actions

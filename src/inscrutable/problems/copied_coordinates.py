@@ -1,4 +1,4 @@
-"""Coordinates that are copies of one another: a decision that is optimal with one of them is optimal with all."""
+"""Coordinates that are copies of one another: the same costs and rows, so that only their sum matters."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Merged(NamedTuple):
 def merged_copies(hessians: Array, linear: Array, constraints: Polyhedron) -> Merged | None:
     """Return the feasible set without copies, None where there are none.
 
-    Formula: j and k are copies where H_i e_j = H_i e_k, g_ij = g_ik, and the rows of C do not tell them apart but for
+    Formula: j and k are copies where H_i e_j = H_i e_k, g_ij = g_ik, and the rows of C are equal in both except
     u_j ≥ 0 and u_k ≥ 0. Then (…, u_j + u_k, …, 0, …) is feasible when u is, and costs the same in every state.
 
     Args:
@@ -52,7 +52,7 @@ def merged_copies(hessians: Array, linear: Array, constraints: Polyhedron) -> Me
 
 
 def _bound_of(constraints: Polyhedron) -> np.ndarray:
-    """The row (U,) that says no more than u_j ≥ 0, −1 where there is none."""
+    """The row (U,) that is u_j ≥ 0, −1 where there is none."""
     single = (np.count_nonzero(constraints.A_ub, axis=1) == 1) & (constraints.b_ub == 0.0)
     row, column = np.nonzero((constraints.A_ub < 0.0) & single[:, None])
     own = np.full(constraints.n_actions, -1)

@@ -1,4 +1,4 @@
-"""Economic dispatch: a public schedule of generators and wind farms that shows a private view of the wind."""
+"""Economic dispatch: a public schedule of generators and wind farms that reveals a private wind forecast."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from inscrutable.problems.quadratic import QuadraticProblem
 from inscrutable.validation import Array
 
 _BLOWN = 3.0
-"""Standard deviations above the mean that wind is taken to reach where a farm's capacity is not said."""
+"""A farm's default capacity: this many standard deviations above the largest mean."""
 
 
 class DispatchProblem(QuadraticProblem):
@@ -26,7 +26,7 @@ class DispatchProblem(QuadraticProblem):
         constants: Of the costs, shape (X,).
         constraints: Limits of units and lines, and the balance.
         network: The network.
-        line_rows: Which line each row of the constraints behind those of units limits, and the sign of its flow, shape (K,2).
+        line_rows: Line and sign of the flow of each of the constraints' last rows, which limit lines, shape (K,2).
 
     Raises:
         InputError: As `QuadraticProblem`.
@@ -58,10 +58,10 @@ class DispatchProblem(QuadraticProblem):
     def bus_prices(self, actions: ArrayLike) -> Array:
         """Return the price of one MW more at every bus, shape (N,) or (T,N), cost per MW and hour.
 
-        Formula: λ_n = λ − Σ_l (μ_l⁺ − μ_l⁻) PTDF_ln, with λ and μ ≥ 0, μ = 0 at lines below their limits, under which the
-        schedule of every generator is its best: 2 a p + b = λ at its bus, unless it is at a limit. Farms take no part: their
-        costs off the schedule are private. The prices are those of non-negative least squares: the nearest where none supports
-        the schedule, and one choice where several do, as where all generators are at limits.
+        Formula: λ_n = λ − Σ_l (μ_l⁺ − μ_l⁻) PTDF_ln, with μ ≥ 0, μ = 0 at lines below their limits, and 2 a p + b = λ_n for
+        every generator within its limits. Farms are left out: their costs off the schedule are private. The prices are found by
+        non-negative least squares: the nearest ones where none supports the schedule, one choice where several do, as where
+        all generators are at limits.
 
         Args:
             actions: Schedules (G+F,) or (T,G+F), MW.
@@ -106,7 +106,7 @@ def dispatch_problem(
     penalty: float = 1.0,
     min_slack: float = tolerances.MIN_SLACK,
 ) -> DispatchProblem:
-    """Return the dispatch of generators and wind farms whose public schedule shows a private wind forecast.
+    """Return the dispatch of generators and wind farms whose public schedule reveals a private wind forecast.
 
     Formula: u = (p, q), generation p_g and scheduled wind q_f; c(i,u) = Σ_g (a_g p_g² + b_g p_g + c_g) +
     κ Σ_f E_i[(q_f − W_f)²] with E_i[(q − W)²] = (q − m_if)² + d_if²: the difference between schedule and wind is balanced at a
@@ -119,9 +119,9 @@ def dispatch_problem(
         wind_means: m, expected wind in each regime, shape (X,F), MW, at least 0. None, without farms, is one regime: the
             network's own optimum is `optimal_cost([1.0])`.
         wind_deviations: d, its standard deviations, shape (X,F), MW, at least 0; None is none.
-        wind_capacities: w, most that each farm can give, shape (F,), MW, at least 0. None takes the largest wind: the largest
-            m_if + 3 d_if of any regime, which a normal forecast exceeds once in 740 hours.
-        penalty: κ > 0, cost per MW² and hour of what is off the schedule.
+        wind_capacities: w, the farms' capacities, shape (F,), MW, at least 0. None takes the largest m_if + 3 d_if of any
+            regime, which a normal forecast exceeds once in 740 hours.
+        penalty: κ > 0, cost per MW² and hour of the difference between schedule and wind.
         min_slack: As for `Polyhedron`, MW.
 
     Returns:
@@ -240,7 +240,7 @@ def _line_rows(
 
 
 def _greatest(rows: Array, outputs: tuple[Array, Array], load: float) -> Array:
-    """Greatest value of each row (n,U) over schedules within the outputs that meet the load: the best units first."""
+    """Greatest value of each row (n,U) over schedules within the outputs that meet the load: a greedy fill."""
     least, most = outputs
     order = np.argsort(-rows, axis=1)
     room = (most - least)[order]

@@ -1,8 +1,7 @@
-"""Values and gradients of CVXPY expressions of one variable at many points at once, without asking CVXPY anew for what never
-changes.
+"""Values and gradients of CVXPY expressions of one variable at many points at once.
 
-An expression is a tree. Its affine parts have one Jacobian for all points, found once; above them the chain rule uses
-formulas for the common atoms, and each atom's own slopes, point by point, for others. CVXPY's public `grad` builds the
+An expression is a tree. Its affine parts have one Jacobian for all points, computed once; above them the chain rule uses
+formulas for the common atoms, and CVXPY's own gradients, point by point, for others. CVXPY's public `grad` builds the
 Jacobians again at every point, some milliseconds each.
 """
 
@@ -135,7 +134,7 @@ def _describe_affine(node: Node) -> None:
 
 
 def _entrywise(node: Node) -> Function | None:
-    """The slope of an atom that treats every entry alike."""
+    """The slope of an atom that acts on every entry separately."""
     name = type(node.expression).__name__
     if len(node.children) != 1 or node.children[0].shape != node.shape:
         return None
@@ -145,7 +144,7 @@ def _entrywise(node: Node) -> Function | None:
 
 
 def _gathered(node: Node) -> tuple[Function, Function] | None:
-    """The formula of an atom that makes a number of one vector."""
+    """The formula of an atom from one vector to a number."""
     name, first = type(node.expression).__name__, node.children[0]
     if node.size != 1 or any(child.constant is None for child in node.children[1:]):
         return None

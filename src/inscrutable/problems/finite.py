@@ -1,4 +1,4 @@
-"""Finitely many choices: the teaching case, and the one of detection, inspection and modes of operation."""
+"""Finitely many choices, as in detection, inspection and modes of operation."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ class FiniteProblem(LinearProblem):
 
     Formula: c(i,a) = costs[i,a] for a ∈ {0, …, K−1}; Π(a) = {π ∈ Δ_X : π·(s(a) − s(b)) ≤ 0 for every b}.
 
-    A decision is a whole number. Behind it stands the linear problem over the simplex of K shares, whose vertices are the
-    choices: candidates hold shares (M,K), and what is public returns whole numbers again. A mixture of tied choices
+    A decision is a whole number. Internally it is the linear problem over the simplex of K shares, whose vertices are the
+    choices: candidates hold shares (M,K), and results are whole numbers again. A mixture of tied choices
     (`decoy_grid(problem, r, faces=True)`) is an array of K shares: the frequencies of a repeated choice, or an amount divided
-    among the choices. Where there are such candidates, a proof counts all shares, else choices alone. `solve` takes the first
-    of tied choices.
+    among the choices. With such candidates a proof covers all shares, else the choices alone. `solve` returns the first of
+    tied choices.
 
     Args:
         costs: Cost of each choice in each state, shape (X,K).
 
     Raises:
-        InputError: The costs are no finite table.
+        InputError: The costs are not a table of finite numbers.
 
     Cost: one product per belief. Source: the paper, eq. (3), over finitely many decisions.
 

@@ -39,7 +39,7 @@ class Lift(NamedTuple):
 
 
 class _Form:
-    """The common part of forms: the way from decisions to variables and back."""
+    """The common part of forms: the maps from decisions to variables and back."""
 
     lift: Lift | None
 
@@ -116,8 +116,8 @@ class SmoothForm(_Form):
         constraints: The feasible set of v.
         gradients: ∇c(i,v) for variables (m,V), shape (m,X,V).
         lift: From decisions to variables and back; None where v = u.
-        size: Size of the terms whose sum the gradients are, in the cost's unit; gradients that are smaller by as much as
-            rounding are counted as zero. 0 where it is not known.
+        size: Size of the terms that add up to the gradients, in the cost's unit; gradients of the size of their rounding count
+            as zero. 0 where it is not known.
 
     Source: the paper, Theorem 1.
 

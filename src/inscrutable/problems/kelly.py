@@ -1,4 +1,4 @@
-"""Log-optimal growth: bets and portfolios that reveal beliefs by the shares of wealth staked."""
+"""Log-optimal growth: bets and portfolios that reveal beliefs by their shares of wealth."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from inscrutable.problems.quadratic_programme import Layout, layout_of
 from inscrutable.validation import Array
 
 _RUIN = 1e4
-"""Cost of losing everything: above any logarithm of a float, so that the cost stays convex, and finite, so that beliefs that
-rule the loss out are not disturbed by it."""
+"""Cost of losing everything: above the logarithm of any float, so that the cost stays convex, and finite, so that it does not
+matter to beliefs that rule the loss out."""
 _BLOCK_ENTRIES = 4_000_000
 
 
 class KellyProblem(DecisionProblem):
-    """Log-optimal (Kelly) investment: shares of wealth of the largest long-run growth.
+    """Log-optimal (Kelly) investment: the shares of wealth with the largest long-run growth.
 
     Formula: c(i,u) = −Σ_s p_is log(r_is'u) over {u ≥ 0, 1'u = 1} unless constraints are given.
 
@@ -69,8 +69,8 @@ class KellyProblem(DecisionProblem):
         if self.gross_returns.min() < 0:
             place = np.argwhere(self.gross_returns < 0)[0].tolist()
             raise InputError(
-                f"gross_returns has {self.gross_returns.min():g} at {place}; wealth cannot be lost more than once: give "
-                "1 + the return, at least 0"
+                f"gross_returns has {self.gross_returns.min():g} at {place}; expected wealth per unit staked, 1 + the return, "
+                "at least 0"
             )
         region = simplex(n_assets) if constraints is None else constraints
         self.constraints = checked_region(region, n_assets, assets)
@@ -112,7 +112,7 @@ class KellyProblem(DecisionProblem):
 
     @cached_property
     def largest_wealth(self) -> Array:
-        """The most that each outcome can leave, max_{u ∈ C} r_k'u, shape (X·S,); 0 where there is no limit."""
+        """The largest wealth in each outcome, max_{u ∈ C} r_k'u, shape (X·S,); 0 where there is no limit."""
         region = self.constraints
         below, equal = Rows(region.A_ub, region.b_ub), Rows(region.A_eq, region.b_eq)
         found = [minimise(-returns, below, equal) for returns in self.gross_returns.reshape(-1, self.n_actions)]
@@ -120,17 +120,17 @@ class KellyProblem(DecisionProblem):
 
     @cached_property
     def costs_are_unique(self) -> bool:
-        """Whether the wealth in each single state's outcomes fixes it in all outcomes, and no decision can lose all of it.
+        """Whether the wealth in each single state's outcomes determines it in all outcomes, and no decision can lose all of it.
 
-        The logarithm is strictly concave in wealth, so that all optimal decisions leave the same wealth in every outcome of
-        positive probability. A belief may rule out all states but one; decisions that its outcomes do not distinguish, no
-        outcome may distinguish.
+        The logarithm is strictly concave in wealth, so that all optimal decisions have the same wealth in every outcome of
+        positive probability. A belief may be certain of one state; decisions with the same wealth in that state's outcomes
+        must then have the same wealth in all outcomes.
         """
         bends = np.einsum("xs,xsu,xsv->xuv", self.probabilities, self.gross_returns, self.gross_returns)
         possible = self.gross_returns[self.probabilities > 0]
         if not bent_alike(bends, possible, self.constraints.A_eq):
             return False
-        # Near ruin costs are so large that other costs vanish beside them.
+        # Near ruin costs are so large that other costs are lost to rounding.
         region = self.constraints
         below, equal = Rows(region.A_ub, region.b_ub), Rows(region.A_eq, region.b_eq)
         found = (minimise(returns, below, equal) for returns in possible)
@@ -174,7 +174,7 @@ class KellyProblem(DecisionProblem):
 
 
 class _Growth:
-    """Expected costs under beliefs: outcomes weigh π_i p_is, and those of no weight do not matter."""
+    """Expected costs under beliefs: outcomes have the weight π_i p_is."""
 
     def __init__(self, problem: KellyProblem) -> None:
         self._probabilities = problem.probabilities
@@ -204,7 +204,7 @@ class _Growth:
         )
 
     def longest_steps(self, held: Array, points: Array, steps: Array) -> Array:
-        """Return shares that leave every outcome a hundredth of its wealth, and half of what the optimum leaves it: there
+        """Return shares that keep a hundredth of the wealth of every outcome, and half of the optimum's lower bound: there
         Σ w_k r_k'v / r_k'u ≤ 1 for every v in C, so r_k'u ≥ w_k max_v r_k'v."""
         weights, wealth, change = self._weights(held), points @ self._returns.T, steps @ self._returns.T
         least = np.minimum(np.maximum(0.01 * wealth, 0.5 * weights * self._most), wealth)

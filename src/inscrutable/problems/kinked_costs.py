@@ -47,7 +47,7 @@ def has_kinks(costs: Sequence[Any], variable: Any, region: Polyhedron) -> bool:
 
 
 def _can_be_zero(inner: Any, variable: Any, region: Polyhedron) -> bool:
-    """Whether an expression is zero at some decision; taken for granted where it is not affine."""
+    """Whether an expression is zero at some decision; assumed where it is not affine."""
     if not inner.is_affine():
         return True
     tree = tree_of(inner, variable)

@@ -1,8 +1,8 @@
 """Constraints of CVXPY with norms, absolute values, maxima or variables of their own, as rows and limits on magnitudes.
 
-CVXPY states them as rows in more variables: t ≥ x, t ≥ −x, Σt ≤ L for a norm. A variable that equalities give is put in for;
-one whose upper limits hold no other goes by Fourier and Motzkin's elimination; one with two lower limits in the decision is
-their maximum, (a + b)/2 + |a − b|/2.
+CVXPY states them as rows in more variables: t ≥ x, t ≥ −x, Σt ≤ L for a norm. A variable that equalities determine is
+substituted; one whose upper limits contain no other variable is removed by Fourier–Motzkin elimination; one with two lower
+limits in the decision is their maximum, (a + b)/2 + |a − b|/2.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Lifted(NamedTuple):
 
 
 def constrained(cvxpy: Any, variable: Any, constraints: Sequence[Any], rows: Polyhedron) -> Polyhedron:
-    """Return rows with constraints of CVXPY that are no affine ones in the decision alone.
+    """Return rows with constraints of CVXPY that are not affine in the decision alone.
 
     Raises:
         InputError: A constraint is not convex and piecewise linear, or more than sums of magnitudes of single coordinates.
@@ -71,7 +71,7 @@ def _stated(cvxpy: Any, variable: Any, constraints: Sequence[Any], name: str) ->
             raise InputError(f"constraint {each} must be convex by CVXPY's rules, without parameters")
         if any(other.attributes["integer"] or other.attributes["boolean"] for other in each.variables()):
             raise InputError(f"constraint {each} has whole numbers: the feasible set must be convex")
-    own = cvxpy.Variable(variable.size)  # what CVXPY does not replace by another where signs are declared
+    own = cvxpy.Variable(variable.size)  # a plain one, which CVXPY does not replace as it does one with declared signs
     problem = cvxpy.Problem(cvxpy.Minimize(0), [own == variable, *constraints])
     data = problem.get_problem_data(cvxpy.CLARABEL)[0]
     dims = data["dims"]
@@ -87,7 +87,7 @@ def _stated(cvxpy: Any, variable: Any, constraints: Sequence[Any], name: str) ->
 
 
 def _substituted(matrix: Array, sides: Array, n_equal: int, size: int) -> tuple[Array, Array]:
-    """Inequalities in which variables that equalities give are put in for; equalities that remain count both ways."""
+    """Inequalities after substitution of variables that equalities determine; remaining equalities become two inequalities."""
     matrix, sides = matrix.copy(), sides.copy()
     left = np.ones(n_equal, dtype=bool)
     for row in range(n_equal):
@@ -117,7 +117,7 @@ def _without_others(found: Lifted, name: str) -> Lifted:
         for column in left:
             found = _eliminated(found, int(column), alone)
     raise InputError(
-        f"constraint {name} is more than rows and sums of magnitudes of the decision's coordinates: state it as affine rows"
+        f"constraint {name} does not reduce to rows and sums of magnitudes of single coordinates: state it as affine rows"
     )
 
 
@@ -191,5 +191,5 @@ def _limits(found: Lifted, row: int, name: str) -> list[MagnitudeLimit]:
         most = float(found.sides[row] - constant + share @ found.centers[mixed])
         limits.append(MagnitudeLimit(weights, centers, most, name, found.rows[row] + share @ found.terms[mixed]))
     if not weights.any() and not limits:
-        raise ModelError(f"constraint {name} limits nothing")
+        raise ModelError(f"constraint {name} holds for every decision: leave it out")
     return limits

@@ -26,13 +26,14 @@ class LinearProblem(DecisionProblem):
     Formula: c(i,u) = c_i'u over u ∈ C.
 
     Some vertex of C is optimal for every belief, and Π(u) is a cell of the simplex: the beliefs whose expected cost vector
-    lies in the normal cone of C at u, reversed. On the border between cells several vertices are optimal, and so are
-    their mixtures. `solve` then returns the one that is least in a fixed direction, the same at every call. Without a proof
-    decision makers choose among vertices; `decoy_grid(problem, r, faces=True)` adds mixtures of tied vertices, which fewer
-    beliefs explain, and which can be far more private at hardly any cost. A proof (`certify=0.01`) counts every decision in C,
-    mixtures among them, so that decision makers that are asked for one play them where they are more private. A mixture of all
-    vertices tied at a belief is explained by the fewest beliefs, and its cost comes arbitrarily near to that of the cheapest of
-    them: the suprema are exact, and are missed only where less than the least slack of C would have to be mixed in.
+    lies in the negative normal cone of C at u. On the boundary between cells several vertices are optimal, and so are their
+    mixtures. `solve` then returns the one that is least in a fixed direction, the same at every call.
+
+    Without a proof decision makers choose among vertices. `decoy_grid(problem, r, faces=True)` adds mixtures of tied vertices:
+    fewer beliefs explain them, so that they can be far more private at almost the same cost. With `certify` a proof covers
+    every decision in C, and the decision maker chooses a mixture where that is more private. A mixture of all vertices tied at
+    a belief has the smallest consistent set, and its cost can be arbitrarily near that of the cheapest of them: the suprema
+    are exact, and not attained only where a mixture needs less than `min_slack` of something.
 
     Args:
         costs: c_i, shape (X,U), cost per decision.
@@ -40,7 +41,7 @@ class LinearProblem(DecisionProblem):
 
     Raises:
         InputError: Shapes disagree or an entry is not finite.
-        ModelError: C is empty (its rows are named), or a state's cost falls without end over it.
+        ModelError: C is empty (its rows are named), or a state's cost is unbounded below on it.
 
     Cost: one linear programme per distinct vertex, then products. Source: the paper, eq. (3), for a linear cost.
 
@@ -80,8 +81,8 @@ class LinearProblem(DecisionProblem):
             )
             if answer.status != OPTIMAL:
                 raise ModelError(
-                    f"the cost of state {i} has no minimum over the feasible set: it falls without end along a direction "
-                    f"of it; add bounds ({answer.message})"
+                    f"the cost of state {i} has no minimum over the feasible set, which is unbounded where the cost falls: "
+                    f"add bounds ({answer.message})"
                 )
 
     @property
@@ -105,8 +106,7 @@ class LinearProblem(DecisionProblem):
 
     @cached_property
     def without_common_costs(self) -> LinearProblem:
-        """The problem without the costs that the equalities of C make the same for all decisions; itself where that is not
-        large."""
+        """The problem without costs that the equalities of C make equal for all decisions; itself where these are small."""
         less = without_common(self.costs, self.constraints.A_eq)
         return self if less is self.costs else self._with_costs(less)
 
@@ -118,7 +118,7 @@ class LinearProblem(DecisionProblem):
         return VertexTable(self.without_common_costs.costs, self.constraints)
 
     def solve(self, beliefs: ArrayLike) -> Array:
-        """Return an optimal vertex for one belief (X,) or many (T,X): shape (U,) or (T,U); ties always fall alike."""
+        """Return an optimal vertex for one belief (X,) or many (T,X): shape (U,) or (T,U); the same one of ties."""
         held = self.check_beliefs(beliefs)
         if self._lifted is not None:
             return self._lifted[1].decisions(self._lifted[0].solve(held))
@@ -139,13 +139,13 @@ class LinearProblem(DecisionProblem):
 
 
 def without_common(costs: Array, equalities: Array) -> Array:
-    """Return costs (X,U) without their parts along equalities (e,U), which no decision changes; themselves where these are
-    not far larger than the rest."""
+    """Return costs (X,U) without their components along the equalities (e,U), which are constant on C; the costs themselves
+    where these components are not far larger than the rest."""
     if not len(equalities):
         return costs
     _, sizes, rows = np.linalg.svd(equalities, full_matrices=False)
     common = rows[sizes > tolerances.CURVATURE * sizes.max(initial=0.0)]
     less = costs - costs @ common.T @ common
-    less -= less @ common.T @ common  # what the first time left by rounding
+    less -= less @ common.T @ common  # once more, for the rounding
     large = np.abs(costs).max() > tolerances.COMMON_COST * np.abs(less).max()
     return less if large else costs

@@ -1,7 +1,7 @@
 """Feasible sets with limits on sums of magnitudes, Σ_j w_j |u_j − b_j| ≤ L, of any number of coordinates.
 
-As rows of the decision such a limit takes one for every choice of signs. In the variables of `Segments` it is one row; costs,
-decisions and consistent beliefs use these variables, by the problem's forms.
+In the decision's coordinates such a limit takes one row for every choice of signs. In the variables of `Segments` it is one
+row; costs, decisions and consistent beliefs use these variables, by the problem's forms.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from inscrutable.problems.segments import MagnitudeLimit, Segments
 from inscrutable.validation import Array
 
 MOST_SIGNED = 10
-"""Most coordinates of either sign whose limit becomes rows of the decision: 1,024, of which hundreds can be tight at once."""
+"""Most coordinates of either sign whose limit is written as rows of the decision: 1,024 rows, hundreds of them tight."""
 
 _HALVINGS = 50
 
@@ -35,8 +35,8 @@ class MagnitudeRegion(Polyhedron):
 
     Formula: {u ∈ C : Σ_j w_kj |u_j − b_kj| ≤ L_k for all k}.
 
-    Quadratic and linear problems take it; its rows are those of `segments.feasible()`, in other variables than u. Code that
-    asks for rows in u gets an error.
+    Quadratic and linear problems accept it; its rows are those of `segments.feasible()`, in other variables than u. `A_ub`
+    raises `ModelError`.
 
     Args:
         rows: C, the affine rows.
@@ -81,9 +81,9 @@ class MagnitudeRegion(Polyhedron):
     def _no_rows(self) -> Any:
         first = self.limits[0]
         raise ModelError(
-            f"{first.name!r} is a limit on a sum of {np.count_nonzero(first.weights)} magnitudes, which is no set of rows in "
-            "the decision: only quadratic and linear costs, and what searches by their forms, take it; limit each coordinate "
-            "instead (max_weights, min_weights), or fewer of them"
+            f"{first.name!r} is a limit on a sum of {np.count_nonzero(first.weights)} magnitudes, which has no rows in the "
+            "decision: only quadratic and linear costs accept it; limit each coordinate instead (max_weights, min_weights), "
+            "or fewer of them"
         )
 
     A_ub = b_ub = row_scale = property(_no_rows)
@@ -105,7 +105,7 @@ class MagnitudeRegion(Polyhedron):
         return np.asarray(np.maximum(self.rows.violation(points), over / np.maximum(np.abs(points).max(axis=-1), 1.0)))
 
     def is_admissible(self, actions: ArrayLike) -> np.ndarray:
-        """Return whether decisions are feasible with every segment and limit at its end or apart from it by `min_slack`."""
+        """Return whether decisions are feasible with every segment and limit tight or slack by at least `min_slack`."""
         points = self._points(actions)
         inside = self.violation(points) <= tolerances.FEASIBILITY
         return np.asarray(self.rows_in_full.is_admissible(self.segments.variables(points)) & inside)
@@ -116,14 +116,14 @@ class MagnitudeRegion(Polyhedron):
         return self.segments.feasible()
 
     def worst_row(self, action: Array) -> str:
-        """Return which row or limit a decision (U,) misses most, and by how much."""
+        """Return which row or limit a decision (U,) violates most, and by how much."""
         over = self.excess(action)
         if over.max() > self.rows.violation(action):
             return f"{self.limits[int(over.argmax())].name} is exceeded by {over.max():.3g}"
         return self.rows.worst_row(action)
 
     def conflict(self) -> RowConflict | None:
-        """Return rows that no decision satisfies together, or limits that the rows leave no room for; None where some
+        """Return rows that no decision satisfies together, or limits that no decision within the rows keeps; None where some
         decision satisfies all."""
         if self._is_feasible:
             return None
@@ -132,7 +132,7 @@ class MagnitudeRegion(Polyhedron):
         return found
 
     def _short_limits(self) -> RowConflict | None:
-        """The limits that decisions within the rows exceed, by as little in all as can be."""
+        """The limits that decisions within the rows exceed, with the least sum of excesses."""
         region, count = self.rows_in_full, len(self.limits)
         more = np.vstack([np.zeros((len(region.b_eq) - count, count)), -np.eye(count)])
         answer = minimum(

@@ -1,4 +1,4 @@
-"""The paper's portfolio: risk-adjusted return in a market with regimes."""
+"""The paper's portfolio: mean-variance in a market with regimes."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class MarkowitzProblem(QuadraticProblem):
     Formula: c(i,u) = γ u'Σ_i u − μ_i'u, without ½, over {u ≥ 0, 1'u = 1} unless constraints are given.
 
     Args:
-        means: μ_i, shape (X,U), return per period as a fraction. Labelled tables (here, of the covariances, of the
-            constraints) are aligned with each other, and what the problem is asked later with them.
-        covariances: Σ_i, shape (X,U,U), squared return per period; a list or a mapping of frames is one of these.
+        means: μ_i, shape (X,U), return per period as a fraction. Labelled means, covariances and constraints are aligned with
+            each other, and labelled arguments of later calls with them.
+        covariances: Σ_i, shape (X,U,U), squared return per period; a list or a mapping of frames has labels too.
         risk_aversion: γ > 0, per unit of return.
         constraints: The feasible set; None is `simplex(U)`.
 

@@ -16,10 +16,10 @@ from inscrutable.problems.lifted_constraints import constrained
 from inscrutable.validation import Array
 
 _LONGEST_NAME = 60
-_MOST_KEPT = 10_000  # decisions of beliefs that were asked for
+_MOST_KEPT = 10_000  # stored decisions
 _SAME = tolerances.EXACT_COST
 _FOREIGN = {"boolean", "integer", "complex", "imag"}
-"""Attributes of variables that leave no convex set of real vectors."""
+"""Attributes of variables under which the feasible set is not a convex set of real vectors."""
 
 
 class Modelled:
@@ -73,13 +73,13 @@ class Modelled:
         return found
 
     def without_slope(self, state: int, point: Array) -> Any:
-        """Return the expression in a state's cost that has no slope at a point (U,): the whole cost where it is not known."""
+        """Return the expression in a state's cost without a slope at a point (U,); the whole cost where none is found."""
         with np.errstate(all="ignore"):
             return self._costs[state] if self._trees is None else self._trees[state].without_slope(point)
 
     @cached_property
     def _trees(self) -> list[Node] | None:
-        """The costs as trees, where these give what CVXPY itself gives at a point; else None."""
+        """The costs as trees, if their values and gradients agree with CVXPY's at two points; else None."""
         size = self.n_actions
         # Inside the domain of most costs, and no point of symmetry.
         points = np.array([np.full(size, 1.0 / size), np.linspace(0.3, 1.1, size)])
@@ -90,7 +90,7 @@ class Modelled:
                 slopes = np.stack([tree.gradients(points)[:, :, 0] for tree in trees], axis=1)
                 same = np.allclose(values, self._slow_values(points), rtol=_SAME, atol=_SAME, equal_nan=True)
                 same &= np.allclose(slopes, self._slow_gradients(points), rtol=_SAME, atol=_SAME, equal_nan=True)
-            except Exception:  # an atom whose inner methods are not as those of others
+            except Exception:  # an atom without the usual inner methods
                 return None
         return trees if same else None
 

@@ -1,7 +1,7 @@
 """Smooth convex costs over a polyhedron: Newton's method, each step a quadratic programme solved by an active set.
 
 At u the model g'd + ½d'(H + δI)d is minimised over u + d ∈ C. Near the solution the step is full and the active set stays,
-so the last step leaves what `quadratic_programme` leaves: the KKT equations to a few roundings, bounds to the last digit.
+so the last step is as exact as `quadratic_programme`: the KKT equations to a few roundings, bounds exactly.
 """
 
 from __future__ import annotations
@@ -56,15 +56,15 @@ def minimise_smooth(costs: SmoothCosts, held: Array, starts: Array, layout: Layo
         fall = -(model.gradients * steps).sum(axis=1)
         reach = costs.longest_steps(beliefs, here, steps)
         rounding = 8 * np.finfo(float).eps * np.maximum(np.abs(model.values), 1.0)
-        # So near the end that the digits of the cost decide nothing, the step is taken: it solves the equations of
-        # stationarity.
+        # Near the end the fall of the cost is below its rounding: the full step is taken, which solves the stationarity
+        # equations.
         trusted = fall <= _UNSEEN * rounding
         shares, moved = _searched(costs, beliefs, _Ways(here, steps, model.values + rounding, fall, reach), ~trusted)
         points[left] = np.where((shares == 1.0)[:, None], ends, here + shares[:, None] * steps)
         size = np.maximum(np.abs(here).max(axis=1), 1.0)
         done = np.abs(steps).max(axis=1, initial=0.0) <= tolerances.STATIONARITY * size
         settled[left] += trusted
-        # Where no step is seen in the cost any more, a few have doubled the digits as often as there are digits to double.
+        # A few quadratically convergent steps below the cost's rounding reach full accuracy.
         left = left[~done & moved & (settled[left] < _ENOUGH)]
         if not left.size:
             return points
@@ -75,7 +75,7 @@ def minimise_smooth(costs: SmoothCosts, held: Array, starts: Array, layout: Layo
 
 def _newton_points(model: Model, here: Array, layout: Layout) -> Array:
     n_actions = here.shape[1]
-    # Coordinate by coordinate: a tiny share of wealth has a huge curvature, which must not stiffen the others.
+    # Per coordinate: a tiny share of wealth has a huge curvature, which must not damp the others.
     bends = np.abs(np.einsum("nuu->nu", model.hessians))
     typical, steep = np.median(bends, axis=1), np.abs(model.gradients).max(axis=1)
     typical = np.select([typical > 0, bends.max(axis=1) > 0, steep > 0], [typical, bends.max(axis=1), steep], 1.0)
@@ -95,7 +95,7 @@ class _Ways(NamedTuple):
 
 
 def _searched(costs: SmoothCosts, held: Array, line: _Ways, doubtful: np.ndarray) -> tuple[Array, np.ndarray]:
-    """Shares of the steps at which the cost falls enough, and which points move at all; only the doubtful are looked at."""
+    """Shares of the steps at which the cost falls enough, and which points move; only the doubtful are searched."""
     shares = line.reach.copy()
     unsure = np.flatnonzero(doubtful)
     for _ in range(_MOST_HALVINGS):

@@ -91,7 +91,7 @@ class PiecewiseLinearProblem(DecisionProblem):
         return len(self.slopes)
 
     def solve(self, beliefs: ArrayLike) -> Array:
-        """Return an optimal decision for one belief (X,) or many (T,X): shape (U,) or (T,U); ties always fall alike."""
+        """Return an optimal decision for one belief (X,) or many (T,X): shape (U,) or (T,U); the same one of ties."""
         return self._without_levels(self._lifted.solve(self.check_beliefs(beliefs)))
 
     def state_costs(self, actions: ArrayLike) -> Array:
@@ -128,7 +128,7 @@ class PiecewiseLinearProblem(DecisionProblem):
 
 
 def _by_state(given: Any, name: str, states: Axis) -> list[Any]:
-    """What a list or a mapping holds for each state, in the states' order."""
+    """The entries of a list or a mapping, in the states' order."""
     if not isinstance(given, Mapping):
         return list(given)
     held, order = list(given.values()), states.order(tuple(given), name)

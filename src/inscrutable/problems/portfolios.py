@@ -1,8 +1,8 @@
-"""Feasible sets in a portfolio's words: caps, floors, groups, long and short, turnover; each some rows of a `Polyhedron`.
+"""Feasible sets of portfolios: caps, floors, groups, long and short, turnover; each some rows of a `Polyhedron`.
 
-Assets are given by their number or by their names, which then stand in the names of the rows and in messages. Sets are
-combined with `&`. A limit on a sum of magnitudes, Σ|u_j| ≤ g, is one row for every choice of signs while ten assets at most
-can have either, for problems of every kind; of more assets it is a `MagnitudeRegion`, for quadratic and linear costs.
+Assets are given by their number or by their names, which then name rows in messages. Sets are combined with `&`. A limit on a
+sum of magnitudes, Σ|u_j| ≤ g, is one row for every choice of signs if at most ten assets can have either sign; with more assets
+it is a `MagnitudeRegion`, for quadratic and linear costs only.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def max_weights(
     Raises:
         InputError: A limit is NaN, a name is unknown or repeated, the shape is wrong, or no limit is finite.
 
-    Source: the paper, eq. (3).
+    Cost: none; one bound per limit. Source: the paper, eq. (3).
 
     Example:
         >>> max_weights(["Food", "Oil"], {"Oil": 0.25}).names
@@ -67,7 +67,7 @@ def min_weights(
     Raises:
         InputError: A limit is NaN, a name is unknown or repeated, the shape is wrong, or no limit is finite.
 
-    Source: the paper, eq. (3).
+    Cost: none; one bound per limit. Source: the paper, eq. (3).
 
     Example:
         >>> min_weights(2, [0.1, -np.inf]).names
@@ -97,7 +97,7 @@ def group_caps(
         InputError: A group holds an unknown or repeated asset, a cap belongs to no group, or is NaN.
         ModelError: A group without assets has a cap below zero.
 
-    Source: the paper, eq. (3).
+    Cost: none; one row per group. Source: the paper, eq. (3).
 
     Example:
         >>> group_caps(["Food", "Oil", "Gas"], {"energy": ["Oil", "Gas"]}, 0.4).names
@@ -111,7 +111,7 @@ def group_caps(
     if unknown:
         raise InputError(f"caps names {unknown[0]!r}, expected one of the groups: {', '.join(map(str, groups))}")
     if not limits:
-        raise InputError("caps names no group: nothing would be limited")
+        raise InputError("caps names no group: give a cap for at least one")
     rows, sides, labels = [], [], []
     for name, cap in limits.items():
         rows.append(_members(groups[name], names, str(name)))
@@ -130,20 +130,20 @@ def long_short(
 ) -> Polyhedron:
     """Return {u : Σ|u_j| ≤ gross, Σu_j = net}, holdings long and short.
 
-    Formula: with Σu = net the gross limit says that no choice S of assets is short by more than (gross − net)/2:
-    −Σ_{j in S} u_j ≤ (gross − net)/2, one row for each S among the `shortable`; the others are at least zero. With a range of
-    nets it is Σ_{j not in S} u_j − Σ_{j in S} u_j ≤ gross. Of more than ten `shortable` assets it is a `MagnitudeRegion`.
+    Formula: with Σu = net the gross limit is −Σ_{j in S} u_j ≤ (gross − net)/2 for every set S of `shortable` assets, one row
+    each; the other assets are at least zero. With a range of nets it is Σ_{j not in S} u_j − Σ_{j in S} u_j ≤ gross. With more
+    than ten `shortable` assets the set is a `MagnitudeRegion`.
 
     Args:
         assets: The number of assets, or their names.
-        gross: Most that long and short holdings add up to, at least |net|.
+        gross: Largest Σ|u_j|, long and short holdings together, at least |net|.
         net: Σu, one number, or (least, greatest).
         shortable: Assets that may be short, by name or number; None is all of them.
         min_slack: Least slack of a row that is not tight in an admissible decision.
 
     Raises:
         InputError: An asset is unknown, or a number is not finite.
-        ModelError: The gross limit is below what the net asks for.
+        ModelError: The gross limit is below |net|.
 
     Cost: 2 to the number of shortable assets rows, up to ten; else none. Source: the paper, eq. (3).
 
@@ -188,15 +188,15 @@ def turnover(
 ) -> Polyhedron:
     """Return {u : Σ|u_j − previous_j| ≤ limit}, a limit on purchases plus sales against the last published weights.
 
-    The last *published* weights are what was played, not the private optimum: both the agent and the observer know them,
-    so the limit is part of the problem that the observer inverts.
+    `previous` are the weights that were published, not the private optimum: the agent and the observer both know them, so
+    that the limit is part of the problem that the observer inverts.
 
-    Formula: ±(u_1 − p_1) ± … ± (u_U − p_U) ≤ limit, one row for every choice of signs while ten assets at most may be sold;
-    else a `MagnitudeRegion`. What can only be bought has one sign.
+    Formula: ±(u_1 − p_1) ± … ± (u_U − p_U) ≤ limit, one row for every choice of signs if at most ten assets may be sold; else a
+    `MagnitudeRegion`. An asset that can only be bought has one sign.
 
     Args:
         previous: The last published weights, shape (U,), or a mapping (or a pandas series) from names to weights.
-        limit: Most that is bought plus sold, at least 0, in the weights' unit.
+        limit: Largest sum of purchases and sales, at least 0, in the weights' unit.
         assets: Names of the assets, in whose order labelled weights are put; None takes a mapping's keys.
         long_only: Whether assets without a previous weight can only be bought; they get a row u_j ≥ 0.
         min_slack: Least slack of a row that is not tight in an admissible decision.
@@ -285,7 +285,7 @@ def _per_asset(limits: ArrayLike | Mapping[str, float], names: tuple[str, ...], 
         wrong = int(np.flatnonzero(np.isnan(values) | (values == -absent))[0])
         raise InputError(f"{what} has {values[wrong]} for {names[wrong]}; {absent} stands for no limit")
     if not np.isfinite(values).any():
-        raise InputError(f"{what} has no finite entry: nothing would be limited")
+        raise InputError(f"{what} has no finite entry, expected at least one limit")
     return values
 
 
@@ -317,7 +317,7 @@ def _range(net: float | tuple[float, float]) -> tuple[float, float]:
         return value, value
     low, high = (float(value) for value in _pair(net))
     if low > high:
-        raise ModelError(f"net must not be below {low:g} and not above {high:g}: nothing is left; swap the two")
+        raise ModelError(f"net is from {low:g} to {high:g}, an empty range: swap the two")
     return low, high
 
 

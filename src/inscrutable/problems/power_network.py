@@ -24,20 +24,20 @@ from inscrutable.validation import Array
 class PowerNetwork:
     """A transmission network in the direct-current approximation; buses are numbered from 0, or named by labels.
 
-    Formula: flows = PTDF · injections + what phase shifters drive, from the lines' susceptances 1/x; generating u costs
+    Formula: flows = PTDF · injections + the flows of phase shifters, from the lines' susceptances 1/x; generating u costs
     a u² + b u + c per hour.
 
     Args:
         loads: Demand of every bus, shape (N,), MW. A Series or a dict names the buses: they are then given by these labels
             everywhere else.
         generator_buses: Where the generators are, shape (G,).
-        capacities: Most each can generate, shape (G,), MW, 0 for one that stands still, the least being 0; or least and most,
-            shape (G,2).
+        capacities: Largest outputs, shape (G,), MW, 0 for a generator that is off, with least outputs of 0; or least and
+            largest outputs, shape (G,2).
         quadratic_costs: a, shape (G,), cost per MW² and hour.
         linear_costs: b, shape (G,), cost per MW and hour; or b and c, shape (G,2), c in cost per hour.
         line_ends: The two buses of every line, shape (L,2).
-        line_data: Reactance x, per unit, and limit, MW, of every line, shape (L,2); or reactance, least and most flow, inf for
-            no limit, and the flow that a phase shifter drives at equal angles, MW, shape (L,4). A reactance may be negative.
+        line_data: Reactance x, per unit, and limit, MW, of every line, shape (L,2); or reactance, least and largest flow, inf
+            for no limit, and the flow of a phase shifter at equal angles, MW, shape (L,4). A reactance may be negative.
 
     Raises:
         InputError: Shapes disagree, a bus does not exist, a capacity is negative or below its least, a reactance is zero, a
@@ -142,7 +142,7 @@ class PowerNetwork:
 
     @cached_property
     def bus_labels(self) -> tuple[Hashable, ...]:
-        """What the buses are called: their numbers from 0, or the labels of the loads."""
+        """The buses' names: their numbers from 0, or the labels of the loads."""
         labels: Iterable[Hashable] = getattr(self.loads, "index", range(self.n_buses))
         return tuple(labels)
 
@@ -164,7 +164,7 @@ class PowerNetwork:
 
     @cached_property
     def running_cost(self) -> float:
-        """Σ c, cost per hour whatever is generated."""
+        """Σ c, fixed cost per hour."""
         return float(self.linear_costs[:, 1].sum()) if self.linear_costs.ndim == 2 else 0.0
 
     @cached_property
@@ -228,11 +228,11 @@ class PowerNetwork:
             return weighted, splu(matrix)
         except RuntimeError:
             raise InputError(
-                "the reactances of some lines cancel: nothing says how power flows; check negative ones"
+                "the reactances of some lines cancel, so that the flows are not determined: check negative reactances"
             ) from None
 
     def _flows(self, injections: Array) -> Array:
-        """Flows (L,k) for what is put in at the buses (N,k) and taken out at bus 0."""
+        """Flows (L,k) for injections at the buses (N,k), balanced at bus 0."""
         if self.n_buses == 1 or not injections.shape[1]:
             return np.zeros((len(self.line_ends), injections.shape[1]))
         weighted, solver = self._factors
@@ -241,7 +241,7 @@ class PowerNetwork:
         return np.asarray(weighted @ angles)
 
     def transfer_factors(self, places: ArrayLike | None = None) -> Array:
-        """Return the flow on every line per MW put in at buses, by their numbers, and taken out at bus 0.
+        """Return the flow on every line per MW injected at buses, by their numbers, and withdrawn at bus 0.
 
         Args:
             places: Numbers of buses from 0, shape (K,); None is all of them.
@@ -264,7 +264,7 @@ class PowerNetwork:
         return found
 
     def load_flows(self) -> Array:
-        """Return the flow on every line, shape (L,), MW, that loads fed from bus 0 and phase shifters make."""
+        """Return the flow on every line, shape (L,), MW, if all loads are fed from bus 0, with the phase shifters' flows."""
         given = -self.demand - self._incidence.T @ self.driven_flows
         return np.asarray(self._flows(given[:, None])[:, 0] + self.driven_flows)
 

@@ -23,8 +23,8 @@ from inscrutable.problems.vertices import VertexTable
 from inscrutable.validation import Array
 
 _CHUNK = 256
-"""Beliefs solved in one warm-started run; fixed, so that results do not depend on the number of threads."""
-_UNSORTED = 8  # beliefs that are not worth sorting: they are solved side by side
+"""Beliefs solved in one warm-started run; a constant, so that results do not depend on the number of threads."""
+_UNSORTED = 8  # so many beliefs are not sorted: they are solved side by side
 _FEW = 16  # decisions whose costs are found in one product
 _MOST_EQUALITIES = 8
 _BLOCK_ENTRIES = 4_000_000
@@ -79,7 +79,7 @@ class QuadraticProblem(DecisionProblem):
 
     @cached_property
     def costs_are_unique(self) -> bool:
-        """Whether every state's cost is strictly convex inside C, but for directions along which no state's cost changes."""
+        """Whether every state's cost is strictly convex on C, except in directions along which no state's cost changes."""
         scale = float(np.abs(self.hessians).max())
         weight = (scale or 1.0) / max(float(np.abs(self.linear).max()), tolerances.TINY)
         felt = np.vstack([*self.hessians, weight * self.linear])
@@ -91,7 +91,7 @@ class QuadraticProblem(DecisionProblem):
         return bent_alike(self.hessians, np.eye(self.n_actions), self.constraints.A_eq)
 
     def quadratic_form(self) -> QuadraticForm | None:
-        """Return H_i, g_i, r_i and C; None of a class that states other costs or slopes than these."""
+        """Return H_i, g_i, r_i and C; None for a derived class with its own costs or gradients."""
         if not self._has_these_costs:
             return None
         if self.lifted is not None:
@@ -110,7 +110,7 @@ class QuadraticProblem(DecisionProblem):
         return LinearForm(self.linear, self.constraints) if flat else None
 
     def smooth_form(self) -> SmoothForm:
-        """Return the costs' gradients and the size of g_i: H_i u is as large where the two cancel."""
+        """Return the costs' gradients, and the size of g_i as that of their terms."""
         size = float(np.abs(self.linear).max(initial=0.0)) if self._has_these_costs else 0.0
         if self.lifted is not None:
             return self.lifted.smooth_form()
@@ -118,7 +118,7 @@ class QuadraticProblem(DecisionProblem):
 
     @property
     def _has_these_costs(self) -> bool:
-        """Whether the costs are those of the arrays, not of a derived class that states its own."""
+        """Whether no derived class overrides the costs."""
         stated = ("state_costs", "cost_gradients")
         return all(getattr(type(self), name) is getattr(QuadraticProblem, name) for name in stated)
 
@@ -149,9 +149,9 @@ class QuadraticProblem(DecisionProblem):
 
     @cached_property
     def _merged(self) -> Merged | None:
-        """The feasible set in which of coordinates that are copies the first is left; None where there are none.
+        """The feasible set with only the first of each group of copies; None where there are no copies.
 
-        Of tied decisions the one that holds one copy is taken: its face has no ties, so that local searches work there.
+        Of tied decisions the one with a single copy is used: its face has no ties, so that local searches work there.
         """
         if self.constraints.needs_lift:
             return None
@@ -159,7 +159,7 @@ class QuadraticProblem(DecisionProblem):
 
     @cached_property
     def without_copies(self) -> QuadraticProblem:
-        """The problem in which of coordinates that are copies the first is left; itself where there are none."""
+        """The problem with only the first of each group of copies; itself where there are no copies."""
         if self._merged is None:
             return self
         kept = self._merged.kept
@@ -183,7 +183,7 @@ class QuadraticProblem(DecisionProblem):
 
     @cached_property
     def idle_rows(self) -> np.ndarray:
-        """Which inequality rows of C (R,) only hold copies of other coordinates at zero: without them nothing is cheaper."""
+        """Which inequality rows of C (R,) only keep copies of other coordinates at zero: they have no multiplier."""
         idle = np.zeros(len(self.constraints.A_ub), dtype=np.bool_)
         if self._merged is not None:
             idle[self._merged.idle] = True
@@ -191,7 +191,7 @@ class QuadraticProblem(DecisionProblem):
 
     @cached_property
     def _vertices(self) -> VertexTable | None:
-        """The vertices among which linear costs choose, of ties always the same; None where some cost is not linear."""
+        """The vertices among which linear costs choose, always the same one of ties; None where some cost is not linear."""
         if self.hessians.any():
             return None
         region = self.constraints
@@ -207,7 +207,7 @@ class QuadraticProblem(DecisionProblem):
 
     @cached_property
     def _path_arguments(self) -> tuple[Any, ...]:
-        """What the bulk kernel takes besides the beliefs, in its own memory order."""
+        """The bulk kernel's arguments besides the beliefs, in its own memory order."""
         layout = self._layout
         rows = np.ascontiguousarray(layout.equalities, dtype=np.float64)
         costs = (np.ascontiguousarray(self.hessians.transpose(1, 2, 0)).ravel(), self.linear.T.ravel())
@@ -270,15 +270,15 @@ class QuadraticProblem(DecisionProblem):
 
 
 class LiftedCosts(NamedTuple):
-    """Quadratic costs in the variables of segments, and the way to them and back."""
+    """Quadratic costs in the variables of segments, and the maps to them and back."""
 
     problem: QuadraticProblem
     lift: Lift
     is_searched: bool
 
     def quadratic_form(self) -> QuadraticForm | None:
-        """Return the quadratic costs; None where a kink lies so near to a bound or another, within a hundredth of the least
-        slack, that the way between them could not be told from rounding."""
+        """Return the quadratic costs; None where a kink lies within a hundredth of the least slack of a bound or another kink,
+        too near to tell the distance from rounding."""
         stated = self.problem
         form = QuadraticForm(stated.hessians, stated.linear, stated.constants, stated.constraints, self.lift)
         return form if self.is_searched else None
@@ -325,8 +325,8 @@ def _stated(problem: DecisionProblem) -> QuadraticProblem | None:
 
 
 def bent_alike(hessians: Array, felt: Array, equalities: Array) -> bool:
-    """Whether each of the hessians (X,U,U) is positive definite on the null space of the equalities (e,U), but for directions
-    that no row of `felt` (n,U) changes along."""
+    """Whether each of the hessians (X,U,U) is positive definite on the null space of the equalities (e,U), except in directions
+    in the null space of `felt` (n,U)."""
     inside = _null_space(equalities) if len(equalities) else np.eye(hessians.shape[1])
     idle = _null_space(felt @ inside, float(np.linalg.norm(felt)))
     bent = inside @ _null_space(idle.T) if idle.shape[1] else inside
@@ -335,7 +335,7 @@ def bent_alike(hessians: Array, felt: Array, equalities: Array) -> bool:
 
 
 def _null_space(matrix: Array, scale: float = 0.0) -> Array:
-    """An orthonormal basis (U,N) of what a matrix (R,U) maps to nothing, beside its largest singular value and a scale."""
+    """An orthonormal basis (U,N) of the null space of a matrix (R,U), relative to its largest singular value and a scale."""
     _, sizes, rows = np.linalg.svd(matrix, full_matrices=True)
     rank = int((sizes > tolerances.CURVATURE * max(sizes.max(initial=0.0), scale)).sum())
     return np.asarray(rows[rank:].T)

@@ -1,7 +1,7 @@
 """Quadratic programmes solved by an active set and polished on it.
 
 min ½u'Hu + g'u over C. DAQP finds the active set; the KKT equations on it are then solved directly, so that the
-stationarity residual is a few roundings and coordinates at a bound sit on it exactly.
+stationarity residual is a few roundings and coordinates at a bound are exactly on it.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def _rough_solution(hessian: Array, linear: Array, layout: Layout) -> tuple[Arra
     if endless is not None:
         raise _no_minimum(endless)
     if flag < 1:
-        # Near-singular programmes can defeat DAQP; the repair starts as well from any feasible point.
+        # DAQP fails on some near-singular programmes; the repair can start from any feasible point.
         return _feasible_point(layout), _Working(np.zeros(n_actions, dtype=np.int8), np.zeros(n_rows, dtype=bool))
     multiplier = np.asarray(info["lam"])
     bounds = np.sign(multiplier[:n_actions]).astype(np.int8)
@@ -132,7 +132,7 @@ def _rough_solution(hessian: Array, linear: Array, layout: Layout) -> tuple[Arra
 
 
 def _endless_direction(hessian: Array, linear: Array, layout: Layout) -> Array | None:
-    """A direction in which the set has no end, the Hessian no curvature, and the cost falls; None where there is none."""
+    """A direction of the set's recession cone without curvature along which the cost falls; None where there is none."""
     open_sides = zip(np.isinf(layout.lower), np.isinf(layout.upper), strict=True)
     bounds = [(-1.0 if below else 0.0, 1.0 if above else 0.0) for below, above in open_sides]
     flat = np.vstack([layout.equalities, hessian])
@@ -143,7 +143,7 @@ def _endless_direction(hessian: Array, linear: Array, layout: Layout) -> Array |
 
 def _no_minimum(direction: Array) -> ModelError:
     return ModelError(
-        f"the cost has no minimum over the feasible set: it falls without end along {_told(direction)}; "
+        f"the cost has no minimum over the feasible set: it is unbounded below along {_told(direction)}; "
         "bound these, for instance with & box(lower, upper)"
     )
 
@@ -166,7 +166,7 @@ def _feasible_point(layout: Layout) -> Array:
 
 
 def _on_working_set(hessians: Array, linear: Array, layout: Layout, working: _Working) -> tuple[Array, np.ndarray]:
-    """Solve the KKT equations of programmes that share a working set; say which answers are minimisers."""
+    """Solve the KKT equations of programmes that share a working set; return which answers are minimisers."""
     free = np.flatnonzero(working.bounds == 0)
     held = np.flatnonzero(working.bounds != 0)
     normals = np.vstack([layout.general[working.rows], layout.equalities])
@@ -266,7 +266,7 @@ def _repair(hessian: Array, linear: Array, layout: Layout, working: _Working, st
 
 
 def _flat_descent(hessian: Array, linear: Array, u: Array, free: np.ndarray, normals: Array) -> Array | None:
-    """The steepest direction along the working set in which the cost falls in a straight line; None where there is none."""
+    """The steepest direction along the working set in which the cost falls linearly; None where there is none."""
     ways = null_space(normals[:, free], rcond=tolerances.STATIONARITY) if len(normals) else np.eye(free.size)
     bends, axes = np.linalg.eigh(ways.T @ hessian[np.ix_(free, free)] @ ways)
     flat = ways @ axes[:, bends <= tolerances.CURVATURE]

@@ -1,4 +1,4 @@
-"""Coordinates split at the breakpoints of a cost or a limit: added above, taken away below, filled between two breakpoints.
+"""Coordinates split at the breakpoints of a cost or a limit: a part above the last, below the first, and between two.
 
 A coordinate with breakpoints b_1 < … < b_K is u_j = b_1 − m + s_1 + … + s_{K−1} + p: m, p ≥ 0, and 0 ≤ s_k ≤ b_{k+1} − b_k. A
 convex function Σ w_k |u_j − b_k| is linear in these variables where they are filled in order, and nowhere smaller. A quadratic
@@ -18,7 +18,7 @@ from inscrutable.problems.constraints import Polyhedron
 from inscrutable.validation import Array
 
 _MOST_STRETCHED = 100.0
-"""Times that a variable is stretched: its curvature shrinks by the square, and must not be taken for none."""
+"""Largest factor by which a variable is scaled up: its curvature falls by the square, and must not count as zero."""
 
 _UP, _DOWN, _BETWEEN, _PLAIN = range(4)
 
@@ -30,7 +30,7 @@ class MagnitudeLimit(NamedTuple):
         weights: w ≥ 0, shape (K,U): each coordinate has up to K breakpoints.
         centers: b, shape (K,U), in the decision's unit.
         most: L, in the decision's unit times that of the weights.
-        name: What messages call it.
+        name: Its name in messages.
         linear: a, shape (U,), or 0.
     """
 
@@ -70,7 +70,7 @@ class Segments:
         least = region.min_slack * (1.0 + tolerances.SLACK_SAFETY)
         gaps = np.where(self._kind == _PLAIN, np.inf, self._ends)
         with np.errstate(divide="ignore"):
-            # A gap below the least slack is stretched to it: filling it is admissible however little it was.
+            # A gap below the least slack is scaled up to it: filling it is then admissible.
             self.stretch = np.clip(least / gaps, 1.0, _MOST_STRETCHED)
         self.is_searched = bool((self.stretch * gaps >= least).all())
         """Whether the least slack separates each segment's two ends."""
@@ -84,7 +84,7 @@ class Segments:
         return known[np.diff(known, prepend=-np.inf) > near]
 
     def _set_up(self, kinks: list[Array], size: int) -> None:
-        """Columns: added above the last breakpoint, taken away below the first, filled between, and coordinates without any."""
+        """Columns: above the last breakpoint, below the first, between two, and coordinates without breakpoints."""
         bent = [j for j in range(size) if kinks[j].size]
         plain = [j for j in range(size) if not kinks[j].size]
         between = [(j, k) for j in bent for k in range(kinks[j].size - 1)]
@@ -103,19 +103,19 @@ class Segments:
         self._ends = np.concatenate([*(np.asarray(each) for each in ends), self._upper[plain] - self.base[plain]])
 
     def slopes(self, weights: Array, centers: Array) -> Array:
-        """Return what a unit of each variable adds to Σ_j w_j |u_j − b_j|, shape (V,); all b_j that count are breakpoints."""
+        """Return the slopes of Σ_j w_j |u_j − b_j| in the variables, shape (V,); a b_j of positive weight is a breakpoint."""
         lowest = np.where(self._kind == _DOWN, self._lower[self._place], self._start)
         lowest = np.where(self._kind == _PLAIN, self._lower[self._place], lowest)
         above = lowest >= centers[self._place] - tolerances.FEASIBILITY
         return np.asarray(self._sign * np.where(above, 1.0, -1.0) * weights[self._place] / self.stretch)
 
     def _used(self, limit: MagnitudeLimit) -> Array:
-        """What a unit of each variable uses of a limit, shape (V,)."""
+        """The slopes of a limit in the variables, shape (V,)."""
         bent = [self.slopes(*pair) for pair in zip(limit.weights, limit.centers, strict=True)]
         return np.asarray(sum(bent) + np.broadcast_to(limit.linear, self.base.size) @ self.columns)
 
     def hessians(self, hessians: Array) -> Array:
-        """Return the curvatures (X,V,V) of costs with curvatures (X,U,U), the same in every direction where they are so."""
+        """Return the curvatures (X,V,V) of costs with curvatures (X,U,U); strictly convex where these are."""
         lifted = self.columns.T @ hessians @ self.columns
         first, second = self._pairs
         product = self._sign[first] * self._sign[second] / (self.stretch[first] * self.stretch[second])
@@ -127,7 +127,7 @@ class Segments:
         """Return the linear costs (X,V) of costs with slopes (X,U) at the base and curvatures (X,U,U)."""
         lifted = slopes @ self.columns
         first, second = self._pairs
-        later = self._kind[first] == _BETWEEN  # two that are added: the second only when the first is full
+        later = self._kind[first] == _BETWEEN  # of two additions the second starts when the first is full
         extra = np.zeros(self._place.size)
         np.add.at(extra, second[later], self._ends[first[later]] / self.stretch[second[later]])
         return self._with_rooms(lifted + _least_curvature(hessians)[:, None] * extra)
@@ -147,7 +147,7 @@ class Segments:
         return found[:, 0], found[:, 1]
 
     def _with_rooms(self, values: Array) -> Array:
-        """Values (…,V) with a zero for the room that each limit leaves."""
+        """Values (…,V) with a zero for the slack of each limit."""
         return np.concatenate([values, np.zeros((*values.shape[:-1], len(self.limits)))], axis=-1)
 
     def feasible(self) -> Polyhedron:
@@ -202,7 +202,7 @@ class Segments:
         return np.concatenate([filled, *(room[..., None] for room in rooms)], axis=-1)
 
     def decisions(self, variables: Array) -> Array:
-        """Return the decisions (…,U) of variables (…,V); what ends beside a bound by rounding is put on it."""
+        """Return the decisions (…,U) of variables (…,V), exactly on a bound where they differ from it by rounding."""
         actions = self.base + variables[..., : self._place.size] @ self.columns.T
         for limit in (self._lower, self._upper):
             actions = np.where(np.abs(actions - limit) <= tolerances.SAME_ACTION, limit, actions)

@@ -87,11 +87,10 @@ class TradingProblem(DecisionProblem):
     """Quadratic costs with a linear cost of trading away from the former decision; made by `with_transaction_costs`.
 
     Formula: c(i,u) + Σ_j κ_j |u_j − u⁰_j|. With u = u⁰ + p − m, 0 ≤ p, 0 ≤ m, it is the quadratic problem of cost
-    c(i, u⁰ + p − m) + κ'(p + m) + η_i p'm, whose rows p_j ≥ 0 and m_j ≥ 0 are both tight where nothing is traded: what their
-    two multipliers leave of κ_j is the subdifferential [−κ_j, κ_j]. No coordinate is both purchased and sold: p'm = 0, so that
-    the last term costs nothing; with η_i, the least curvature of c(i,·), it makes the cost of (p, m) strictly convex in all
-    directions where that of u does, and what u_j may be bounds p_j and m_j alone. A trade below the feasible set's `min_slack`
-    counts as none, but for one that ends at a bound.
+    c(i, u⁰ + p − m) + κ'(p + m) + η_i p'm. Where nothing is traded the rows p_j ≥ 0 and m_j ≥ 0 are both tight, and their
+    multipliers give the subdifferential [−κ_j, κ_j]. No coordinate is both purchased and sold, so that the last term is zero;
+    with η_i, the least curvature of c(i,·), it makes the cost of (p, m) strictly convex where that of u is. A trade below the
+    feasible set's `min_slack` counts as none, unless it ends at a bound.
 
     Args:
         problem: The costs without trading.
@@ -119,7 +118,7 @@ class TradingProblem(DecisionProblem):
         self.former = validation.finite_array(former, "former", ndim=1, axes=(assets,))
         self.rates = _rates(rates, problem.n_actions, "rates", assets)
         self.constraints = problem.constraints
-        # A coordinate that is traded for nothing, or only one way, has no kink.
+        # A coordinate without trading cost, or traded only one way, has no kink.
         limits = self.constraints.limits if isinstance(self.constraints, MagnitudeRegion) else ()
         rows = self.constraints.rows if isinstance(self.constraints, MagnitudeRegion) else self.constraints
         segments = Segments(rows, [np.where(self.rates > 0, self.former, np.nan)], limits)
@@ -133,11 +132,11 @@ class TradingProblem(DecisionProblem):
 
     @property
     def costs_are_unique(self) -> bool:
-        """Whether the costs without trading are: what trading adds is the same in all states, and convex."""
+        """Whether the costs without trading are: the cost of trading is convex and the same in all states."""
         return self.untraded.costs_are_unique
 
     def solve(self, beliefs: ArrayLike) -> Array:
-        """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U); what is not traded is kept to the last digit."""
+        """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U); untraded coordinates keep u⁰ exactly."""
         return self._lifted.lift.decisions(self._lifted.problem.solve(self.check_beliefs(beliefs)))
 
     def state_costs(self, actions: ArrayLike) -> Array:
@@ -152,12 +151,12 @@ class TradingProblem(DecisionProblem):
         return np.asarray(self.untraded.cost_gradients(points) + slopes[..., None, :])
 
     def quadratic_form(self) -> QuadraticForm | None:
-        """Return the quadratic problem of purchases and sales; None where a former decision lies so near to a bound, within
-        a hundredth of the least slack, that selling all of it could not be told from rounding."""
+        """Return the quadratic problem of purchases and sales; None where a former decision lies within a hundredth of the
+        least slack of a bound, too near to tell a sale of all of it from rounding."""
         return self._lifted.quadratic_form()
 
     def smooth_form(self) -> SmoothForm:
-        """Return the same with its gradients; an observer counts as the kink what is tight."""
+        """Return the same with its gradients; an observer counts a tight row as the kink."""
         return self._lifted.smooth_form()
 
     def __repr__(self) -> str:

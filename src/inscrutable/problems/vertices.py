@@ -22,7 +22,7 @@ _GOLDEN = 0.6180339887498949
 
 
 class _Vertex(NamedTuple):
-    """A vertex and the rows that say for which beliefs it is optimal; none where there would be too many."""
+    """A vertex and the rows of its cell of beliefs; without rows where there would be too many."""
 
     point: Array  # (U,)
     equal: Array  # (k, X)
@@ -36,7 +36,7 @@ class VertexTable:
 
     def __init__(self, costs: Array, region: Polyhedron) -> None:
         self._costs, self._region = costs, region
-        # Badly approximable by fractions, so that no two vertices of a model typed by hand are equal along it.
+        # Multiples of the golden ratio: no two vertices with round coordinates are equal along it.
         self._direction = 0.5 + (np.arange(1, costs.shape[1] + 1) * _GOLDEN) % 1.0
         self._vertices: list[_Vertex] = []
         self._points = np.zeros((0, costs.shape[1]))
@@ -50,13 +50,13 @@ class VertexTable:
         while left.size:
             vertex = self._by_programme(held[left[0]])
             mine = self._optimal(vertex, held[left])
-            mine[0] = True  # whatever the rounding
+            mine[0] = True  # despite rounding
             found[left[mine]] = vertex.point
             left = left[~mine]
         return found
 
     def _recognise(self, held: Array, found: Array) -> np.ndarray:
-        """Fill in the beliefs whose cheapest known vertex is proved to be theirs; return the others."""
+        """Fill in the beliefs whose cheapest known vertex is proved optimal; return the others."""
         gradients = held @ self._costs
         costs = gradients @ self._points.T
         margin = tolerances.STATIONARITY * np.maximum(np.abs(costs).max(axis=1), np.abs(gradients).max(axis=1))

@@ -163,7 +163,7 @@ def test_maps_that_do_not_suit_are_refused() -> None:
         ins.rounded(1).shown([0, 1])
     with pytest.raises(InputError, match="pass `returns`"):
         ins.portfolio_return()([[0.5, 0.5]])
-    with pytest.raises(InputError, match="without them"):
+    with pytest.raises(InputError, match="does not use them"):
         ins.rounded(1)([[0.5, 0.5]], returns=[[0.1, 0.1]])
     with pytest.raises(InputError, match="shows 1 of 2"):
         (ins.grouped(["a", "a"]) | ins.portfolio_return())([[0.5, 0.5]], returns=[[0.1, 0.1]])
@@ -400,7 +400,7 @@ def test_returns_tell_decisions_apart_unless_they_are_rounded() -> None:
     np.testing.assert_allclose(nothing.weights, np.tile(chain.prior.weights, (6, 1)), atol=1e-12)
     with pytest.raises(InputError, match="pass `returns`"):
         through.filter(value(acts, returns=returns))
-    with pytest.raises(InputError, match="through returns"):
+    with pytest.raises(InputError, match="needs returns, which are not given"):
         ins.path_leakage(chain, played, 3, rng=RNG, disclosure=value)
     with pytest.raises(InputError, match="has no returns"):
         ins.leakage(played, chain.prior, disclosure=value)
@@ -424,9 +424,9 @@ def test_what_cannot_be_disclosed_so_is_refused() -> None:
         def mechanism_for(self, law: ins.Prior, before: Any = None) -> ins.Mechanism:
             return played
 
-    with pytest.raises(InputError, match="goes by"):
+    with pytest.raises(InputError, match="was made for"):
         ins.path_leakage(chain, Rule(), 3, rng=RNG, disclosure="every(3)")
-    with pytest.raises(InputError, match="goes by"):
+    with pytest.raises(InputError, match="was made for"):
         ins.SequentialAdversary(chain, Rule(), disclosure="rounded(3)")
 
 

@@ -178,5 +178,5 @@ def test_a_path_of_targets_is_no_target_of_one_belief(maker, fresh_rng):
     path = DesiredObfuscation(np.eye(2))
     decided = maker(problem, path, Budget.regret(0.1)).decide_many(np.full((2, 2), 0.5))
     assert len(decided) == 2
-    with pytest.raises(Exception, match="decide_many uses them in turn"):
+    with pytest.raises(Exception, match="decide_many, which uses them in order"):
         maker(problem, path, Budget.regret(0.1)).decide([0.5, 0.5])

@@ -264,7 +264,7 @@ def test_more_public_information_never_lowers_accuracy(seed: int) -> None:
     assert errors[3].max() < 1e-6
     assert found[3].is_all_public
     assert not found[2].is_all_public
-    assert "nothing is left to hide" in found[3].summary()
+    assert "nothing can be hidden" in found[3].summary()
 
 
 MIXED = np.array([[0.9, 0.1], [0.2, 0.8]])
@@ -445,18 +445,18 @@ def test_what_does_not_fit_is_refused() -> None:
     path, plays = world.sample(4, rng=rng), mixing()
     three = CategoricalEmission(np.ones((3, 1)))
     refused = [
-        ("pass what it reported as `public`", lambda: filter_beliefs(world, path.observations)),
+        ("pass its reports as `public`", lambda: filter_beliefs(world, path.observations)),
         ("the world has none", lambda: filter_beliefs(plain, path.observations, public=path.public)),
         ("expected one per observation", lambda: filter_beliefs(world, path.observations, public=path.public[:2])),
         ("whole numbers from 0 to 1", lambda: filter_beliefs(world, path.observations, public=[0, 1, 2, 0])),
         ("that part of the agent's", lambda: filter_beliefs(part, [0, 1, 2], public=1 - part.public_of([0, 1, 2]))),
-        ("nothing public is part", lambda: world.public_of([0, 1])),
+        ("is public: the world has public", lambda: world.public_of([0, 1])),
         ("something public", lambda: SequentialAdversary(world, plays).filter([0, 1])),
         ("the world has none", lambda: SequentialAdversary(plain, plays).filter([0, 1], public=[0, 1])),
         ("one per decision", lambda: SequentialAdversary(world, plays).filter([0, 1], public=[0])),
         ("same public symbols", lambda: SequentialAdversary(world, plays, agent_world=plain)),
         ("pass n_particles", lambda: SequentialAdversary(real_world("part"), plays)),
-        ("an Emission that everybody reads", lambda: HiddenMarkovModel(MIXED, world.emission, public=[[1.0, 0.0]])),
+        ("an Emission, a PublicPart", lambda: HiddenMarkovModel(MIXED, world.emission, public=[[1.0, 0.0]])),
         ("the public sensor has 3 states", lambda: HiddenMarkovModel(MIXED, world.emission, public=three)),
         ("single 1", lambda: HiddenMarkovModel(MIXED, world.emission, public=PublicPart([[1.0, 1.0], [0.0, 1.0]]))),
         ("one per symbol", lambda: HiddenMarkovModel(MIXED, world.emission, public=PublicPart(np.eye(3)))),

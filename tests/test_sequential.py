@@ -406,7 +406,7 @@ def test_what_cannot_be_is_refused() -> None:
         adversary.filter(plays.actions, states=[0, 7])
     with pytest.raises(InputError, match="no sensor"):
         adversary.filter(plays.actions, observations=[0, 1])
-    with pytest.raises(InputError, match="pass what it reported"):
+    with pytest.raises(InputError, match="pass its reports"):
         SequentialAdversary(world, plays, sensor=world.emission).filter(plays.actions)
     with pytest.raises(InputError, match="row 1"):
         adversary.filter([[0.0, 1.0], [np.nan, 1.0]])

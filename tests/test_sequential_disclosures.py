@@ -165,7 +165,7 @@ def test_an_adversary_who_knows_the_rule_holds_the_same(
     adversary = SequentialAdversary(maker.chain, maker, disclosure=disclosure)
     found = adversary.filter(shown(drawn.actions))
     assert np.abs(found.mean - drawn.observer_means).max() < 1e-6
-    with pytest.raises(InputError, match="goes by"):
+    with pytest.raises(InputError, match="was made for"):
         SequentialAdversary(maker.chain, maker, disclosure=shown | every(5))
 
 

@@ -1,4 +1,4 @@
-"""Decision makers as plain data: how often each decision is played under each belief."""
+"""Decision makers as plain data: the probability of each decision under each belief."""
 
 from inscrutable.mechanisms.disclosures import (
     Disclosure,

@@ -1,4 +1,4 @@
-"""When decisions are shown: schedules, and the regulators' rules behind named disclosures."""
+"""When decisions are disclosed: schedules, and the regulators' rules behind named disclosures."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class Schedule(NamedTuple):
         return self.period == 1 and self.lag == 0
 
     def moved(self, steps: int) -> Schedule:
-        """Return the schedule with everything later by a number of steps."""
+        """Return the schedule delayed by a number of steps."""
         return self._replace(lag=self.lag + steps)
 
     def thinned(self, period: int, offset: int) -> Schedule | None:
-        """Return what is left where the stream is cut to steps = offset (mod period); None where nothing is."""
+        """Return the schedule restricted to steps = offset (mod period); None where no step is left."""
         asked = (offset - self.lag) % period
         shared = gcd(self.period, period)
         if (asked - self.offset) % shared:
@@ -39,7 +39,7 @@ class Schedule(NamedTuple):
 
 
 class Calendar(NamedTuple):
-    """A regulator's rule behind a named disclosure: what it prescribes, when that was so, and where it is written."""
+    """A regulator's rule behind a named disclosure: its content, as of which date, and its source."""
 
     rule: str
     as_of: str
@@ -59,4 +59,4 @@ CALENDARS: Mapping[str, Calendar] = {
         "postponed to November 2027.",
     ),
 }
-"""What stands behind the named disclosures."""
+"""The rules behind the named disclosures."""

@@ -1,4 +1,4 @@
-"""How the private belief moves from step to step on the points of a prior, for rules that depend on earlier decisions."""
+"""Markov chains of the private belief on the points of a prior, for rules that depend on earlier decisions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
 _MEASURED = 4_000
 """Steps on which the error of cells is measured: a standard error of the difference of about a hundredth of the error."""
 _DRAWN_TO = 0.5
-"""Moves that count as if they had been met with the symbols' shares over more of them: 4 and 20 leave larger errors."""
+"""Pseudo-counts by which rare moves are shrunk to the symbols' shares over more moves: 4 and 20 leave larger errors."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -36,13 +36,13 @@ class BeliefChain(Summarised):
     Args:
         prior: The points π_b and their weights w_b.
         transition: T, shape (B,B), rows that sum to one, plain or sparse.
-        public: Where everybody reads one of Z symbols as the belief moves: Z tables T_z of shape (B,B) whose sum is T, with
-            T_z[b,b'] the probability of moving to b' and reading z. None: nothing is read.
-        cells: Where the symbols are cells of real numbers: which number is in which, and what is lost by it.
+        public: With one of Z public symbols at each move: Z tables T_z of shape (B,B) whose sum is T, with T_z[b,b'] the
+            probability of moving to b' with the symbol z. None: no symbols.
+        cells: Where the symbols are cells of real numbers: the cells, and the error that they add.
 
     Raises:
-        InputError: The shape is wrong, a row is no probability vector, the prior is not the chain's law, or the public tables
-            are negative or do not sum to the transition.
+        InputError: The shape is wrong, a row is no probability vector, the prior is not stationary, or the public tables are
+            negative or do not sum to the transition.
 
     Source: Kemeny and Snell, Finite Markov Chains (1960), chapter V, for the chain backwards in time.
 
@@ -74,7 +74,7 @@ class BeliefChain(Summarised):
 
     @property
     def n_public(self) -> int:
-        """How many public symbols there are; 1 where nothing is read."""
+        """Number of public symbols; 1 where there are none."""
         return 1 if self.public is None else len(self.public)
 
     @cached_property
@@ -130,14 +130,14 @@ class BeliefChain(Summarised):
     def public_paths(
         self, n_steps: int, n_draws: int, *, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return sampled paths as `paths` does, and the symbols read on them, of the same shape; None where there are none."""
+        """Return sampled paths as `paths` does, and their public symbols, of the same shape; None where there are none."""
         count, draws = validation.count(n_steps, "n_steps"), validation.count(n_draws, "n_draws")
         size = len(self.prior)
         tables = self.transition if self.public is None else sparse.csr_array(sparse.hstack(list(self.public)))
         drawn = RowDraws(tables)
         found = np.empty((count, draws), dtype=np.intp)
         found[0] = validation.generator(rng).choice(size, size=draws, p=self.prior.weights)
-        if self.public is not None:  # a step before the first: the first belief comes with a symbol, too
+        if self.public is not None:  # one step before the first, because the first belief has a symbol too
             found[0] = drawn(found[0], rng)
         for step in range(1, count):
             found[step] = drawn(found[step - 1] % size, rng)
@@ -146,15 +146,15 @@ class BeliefChain(Summarised):
     def summary(self) -> str:
         """Return a line or two for a person to read."""
         stay = float(self.prior.weights @ self.transition.diagonal())
-        read = "" if self.cells is None else f"\nwhat is public: {self.cells}"
-        return f"{self.prior.summary()}; it stays where it is in {stay:.1%} of the steps{read}"
+        read = "" if self.cells is None else f"\npublic observations: {self.cells}"
+        return f"{self.prior.summary()}; the belief stays the same in {stay:.1%} of the steps{read}"
 
 
 def _parts(given: Any, transition: Any) -> tuple[Any, ...]:
     """Public tables as sparse arrays that sum to the transition."""
     tables = tuple(sparse.csr_array(each) for each in given)
     if not tables or any(each.shape != transition.shape for each in tables):
-        raise InputError(f"public must be tables of shape {transition.shape}, one for every symbol that can be read")
+        raise InputError(f"public must be tables of shape {transition.shape}, one for every public symbol")
     for z, each in enumerate(tables):
         if each.nnz and not (np.isfinite(each.data).all() and each.data.min() >= 0):
             raise InputError(f"public table {z} has an entry that is no probability")
@@ -167,7 +167,7 @@ def _parts(given: Any, transition: Any) -> tuple[Any, ...]:
 
 
 def resting_chain(prior: Prior, stay: float) -> BeliefChain:
-    """Return the chain that stays where it is with a probability, and is drawn afresh from the prior otherwise.
+    """Return the chain that keeps the belief with a probability, and otherwise draws it from the prior.
 
     Formula: T = a I + (1 − a) 1 w'. It keeps any prior; after d steps Pr(still there) = a^d.
 
@@ -177,6 +177,8 @@ def resting_chain(prior: Prior, stay: float) -> BeliefChain:
 
     Raises:
         InputError: `stay` is no probability.
+
+    Cost: B² numbers. Source: a mixture of the identity and of independent draws.
 
     Example:
         >>> print(resting_chain(Prior([[1.0, 0.0], [0.0, 1.0]], [0.5, 0.5]), 0.8).transition.toarray())
@@ -198,22 +200,22 @@ def filtered_chain(
     n_steps: int = 100_000,
     cuts: ArrayLike | int | None = None,
 ) -> BeliefChain:
-    """Return how the filtered belief of a world moves, binned on the regular grid of beliefs.
+    """Return the Markov chain of a world's filtered belief, binned on the regular grid of beliefs.
 
     Formula: T_bb' = share of the steps with π_t nearest to π_b whose next belief is nearest to π_b'; the path is closed to a
     ring, so that the prior, `filtered_prior` of the same arguments, is the chain's law to the last digit.
 
-    That the next bin depends on the present one alone is an approximation, which a finer grid improves. Where something is
-    public in the world, the chain's `public` tables are shares of the same steps by what was read. Real numbers are read as the
-    cell that they are in; `cells` states by how much that raises the error of an observer who sees no decision.
+    It is an approximation that the next bin depends on the present one alone; a finer grid improves it. Where the world has
+    public observations, the chain's `public` tables are shares of the same steps by symbol. Real numbers are replaced by their
+    cell; `cells` states by how much that raises the error of an observer who sees no decision.
 
     Args:
         world: The hidden Markov model whose observations the agent filters.
         resolution: r, at least 1: beliefs are multiples of 1/r.
         rng: The source of the simulated path.
         n_steps: Length of the simulated path, at least 1; the first tenth is left out.
-        cuts: Where what is public are real numbers: how many cells of like p(x|z) distinguish them; None is 24. Or of one
-            number rising ones that cut it into symbols, `np.searchsorted(cuts, z)`.
+        cuts: For public real numbers: the number of cells of similar p(x|z); None is 24. Or, for one number, rising cut points
+            of symbols `np.searchsorted(cuts, z)`.
 
     Raises:
         InputError: A number is not whole or below 1, `rng` is no generator, or cuts are not asked for, or do not rise.
@@ -256,9 +258,9 @@ def _binned(
 
 
 def _shrunk(counts: Any, tables: list[Any]) -> list[Any]:
-    """Counts of moves by symbols, which sum to the counts (B,B): shares of few moves are drawn to those of their next belief.
+    """Counts of moves by symbol, which sum to the counts (B,B): shares of rare moves are shrunk to those of their next belief.
 
-    These are drawn to those of all moves. No symbol is then impossible.
+    These are shrunk to those of all moves, so that no symbol has probability 0.
     """
     share = np.array([each.sum() for each in tables]) / counts.sum()
     own = np.array([each.sum(axis=0) for each in tables])  # (Z,B)
@@ -277,14 +279,14 @@ def _asked_cells(cuts: ArrayLike | int | None) -> Array | int | None:
         return None if cuts is None else validation.count(cuts, "cuts", least=2)
     limits = validation.finite_array(cuts, "cuts", ndim=1)
     if not limits.size or (np.diff(limits) <= 0).any():
-        raise InputError(f"cuts must be rising numbers, or how many cells, got {limits.tolist()}")
+        raise InputError(f"cuts must be rising numbers, or the number of cells, got {limits.tolist()}")
     return limits
 
 
 def _cells(
     world: HiddenMarkovModel, public: np.ndarray | None, asked: Array | int | None, rng: np.random.Generator
 ) -> PublicCells | None:
-    """The cells of what was read on a path; None where nothing is public, or symbols are."""
+    """The cells of public numbers on a path; None where nothing is public, or symbols are."""
     emission = world.public_emission
     if emission is None or public is None or isinstance(emission, CategoricalEmission):
         if asked is not None:
@@ -292,7 +294,7 @@ def _cells(
         return None
     if isinstance(asked, np.ndarray):
         if public[0].size != 1:
-            raise InputError(f"cuts are for one number, got {public[0].size} a step: say how many cells, or None")
+            raise InputError(f"cuts are for one number, got {public[0].size} a step: give the number of cells, or None")
         return PublicCells(emission, np.full(world.n_states, 1.0 / world.n_states), None, asked)
     return cells_of(world, public, N_CELLS if asked is None else asked, rng=rng.spawn(1)[0])
 
@@ -307,7 +309,7 @@ def _measured(world: HiddenMarkovModel, chain: BeliefChain, rng: np.random.Gener
     law, means = chain.prior.weights, np.empty((_MEASURED, world.n_states))
     for t, symbol in enumerate(chain.cells.symbols(path.public)):
         moved = forwards[symbol] @ law
-        if not moved.sum() > 0:  # what the grid rules out is not read
+        if not moved.sum() > 0:  # a symbol of probability 0 on the grid is ignored
             moved = chain.transition.T @ law
         law = moved / moved.sum()
         means[t] = law @ chain.prior.beliefs
@@ -327,7 +329,7 @@ def predicted_chain(
     n_steps: int = 100_000,
     cuts: ArrayLike | int | None = None,
 ) -> BeliefChain:
-    """Return how the belief about the next state moves from step to step: `filtered_chain` one step ahead.
+    """Return the Markov chain of the belief about the next state: `filtered_chain` one step ahead.
 
     Arguments and errors as `filtered_chain`; the chain's prior is `predicted_prior`.
     """

@@ -19,14 +19,14 @@ _Known = TypeVar("_Known", Mechanism, MemoryMechanism)
 
 
 def disclosed(mechanism: _Known, disclosure: Disclosure, returns: Array | None = None) -> _Known:
-    """Return the mechanism that plays what is shown of each decision; schedules are none of its concern.
+    """Return the mechanism of the disclosed values of decisions, whatever the schedule.
 
-    The regret of a value shown is the mean regret of the decisions behind it, as they are played under the belief.
+    The regret of a disclosed value is the mean regret of its decisions under the belief.
 
     Args:
-        mechanism: What is played.
-        disclosure: What is shown of it.
-        returns: Of the period (U,), where decisions are shown through them.
+        mechanism: The mechanism of decisions.
+        disclosure: What is disclosed of them.
+        returns: Returns of the period (U,), for `portfolio_return`.
 
     Raises:
         InputError: A map does not suit the decisions, or lacks the returns.
@@ -45,10 +45,9 @@ def disclosed(mechanism: _Known, disclosure: Disclosure, returns: Array | None =
 
 
 def shown_classes(actions: Any, disclosure: Disclosure, returns: Array | None = None) -> tuple[Array, np.ndarray]:
-    """Return the different values shown (N,V), or (N,) of choices, and which of them each of decisions (M,U) is shown as.
+    """Return the distinct disclosed values (N,V), or (N,) for choices, and the one of each of decisions (M,U).
 
-    Decisions that cannot be distinguished before an operation cannot be after it, so that what two operations show in turn
-    follows from what the first one shows.
+    Decisions that are equal before an operation are equal after it, so that operations can be applied one after the other.
     """
     points, place = _distinct(np.asarray(actions))
     for operation in disclosure.maps:
@@ -71,7 +70,7 @@ def _mean_regrets(mechanism: Mechanism | MemoryMechanism, merging: Any) -> Array
     """Mean regrets (B,N) of the decisions behind each value; 0 where it is never shown."""
     shares = sparse.csr_array(mechanism.probabilities)
     memories = getattr(mechanism, "n_memories", 1)
-    if memories > 1:  # over what may be remembered, before and after, alike: observers read no regrets
+    if memories > 1:  # an unweighted mean over memories: observers do not use regrets
         count, n_beliefs = len(mechanism.actions), len(mechanism.beliefs)
         before = sparse.kron(sparse.eye_array(n_beliefs), np.ones((1, memories)) / memories, format="csr")
         after = sparse.kron(sparse.eye_array(count), np.ones((memories, 1)), format="csr")
@@ -82,25 +81,25 @@ def _mean_regrets(mechanism: Mechanism | MemoryMechanism, merging: Any) -> Array
 
 
 def disclosed_rule(given: Any, disclosure: Disclosure) -> Any:
-    """Return what plays values shown, for an observer of sequences who sees no returns.
+    """Return the mechanism or rule of disclosed values, for an observer of sequences who sees no returns.
 
     Raises:
-        InputError: The disclosure needs returns, is not the one that a rule goes by, or hides the steps of a public memory.
+        InputError: The disclosure needs returns, is not the one that a rule was made for, or hides steps of a public memory.
     """
     if disclosure.needs_returns:
         raise InputError(
-            f"{disclosure} shows decisions through returns, whose law is not known here: SequentialAdversary.filter takes them"
+            f"{disclosure} needs returns, which are not given here: use SequentialAdversary.filter, which takes them"
         )
     played = checked_for(given, disclosure)
     return played if isinstance(played, DisclosedRule) else disclosed(played, disclosure)
 
 
 class DisclosedRule:
-    """A rule that goes by a disclosure, playing values shown.
+    """A rule made for a disclosure, with the disclosed values as decisions.
 
     Args:
         rule: The rule.
-        disclosure: What it goes by.
+        disclosure: The disclosure it was made for.
     """
 
     def __init__(self, rule: MechanismRule, disclosure: Disclosure) -> None:
@@ -108,28 +107,28 @@ class DisclosedRule:
 
     @property
     def beliefs(self) -> Array:
-        """The beliefs on which it takes laws, shape (B,X)."""
+        """The grid of beliefs of its laws, shape (B,X)."""
         return self._rule.beliefs
 
     def mechanism_for(self, law: Prior, before: Any = None) -> Mechanism:
-        """Return what is played as it is shown; `before` is the value shown last."""
+        """Return the mechanism of disclosed values; `before` is the value disclosed last."""
         return disclosed(self._rule.mechanism_for(law, before), self._disclosure)
 
 
 def checked_for(given: Any, disclosure: Disclosure) -> Any:
-    """Return a mechanism whose decisions can be disclosed so, or a rule that goes by that; raise `InputError` for others."""
+    """Return a mechanism that the disclosure suits, or a rule made for it; raise `InputError` for others."""
     if isinstance(given, MechanismRule) and not isinstance(given, (Mechanism, MemoryMechanism)):
         goes_by = Disclosure.of(getattr(given, "disclosure", None))
         if (goes_by.maps, goes_by.schedule) != (disclosure.maps, disclosure.schedule):
             raise InputError(
-                f"the rule goes by what one holds who sees its decisions as {goes_by}, not as {disclosure}: make it with "
+                f"the rule was made for decisions disclosed as {goes_by}, not as {disclosure}: make it with "
                 f"disclosure={str(disclosure)!r}"
             )
         return DisclosedRule(given, disclosure) if disclosure.maps else given
     if disclosure.is_exact:
         return given
     if not isinstance(given, (Mechanism, MemoryMechanism)):
-        raise InputError(f"{disclosure} needs a mechanism, or a rule that goes by it, got {given!r}")
+        raise InputError(f"{disclosure} needs a mechanism, or a rule made for it, got {given!r}")
     if getattr(given, "is_public", False) and not disclosure.schedule.is_immediate:
         raise InputError(
             f"the mechanism's memory is public at every step, which {disclosure} contradicts: it leaves decisions out or "

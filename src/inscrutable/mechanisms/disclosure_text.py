@@ -1,4 +1,4 @@
-"""A disclosure as it is written, "every(3)|delayed(2)", as names and values: parsed, never run."""
+"""The text of a disclosure, "every(3)|delayed(2)", as names and values: parsed, never evaluated."""
 
 from __future__ import annotations
 

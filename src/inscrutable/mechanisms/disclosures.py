@@ -1,4 +1,4 @@
-"""What an observer is shown of decisions, as data: which parts of each, at which steps, and how late.
+"""What is disclosed of decisions, as data: which parts of each, at which steps, and how late.
 
 A disclosure is a list of operations on a stream x_t of decisions, the first applied first. A map changes every x_t alike; a
 schedule leaves some steps out or moves them. Maps and schedules commute, so every disclosure is one map and one `Schedule`.
@@ -24,7 +24,7 @@ from inscrutable.problems.dispatch import DispatchProblem
 from inscrutable.validation import Array
 
 EXACT = "exact"
-"""How a disclosure that hides nothing is written."""
+"""The text of the disclosure that hides nothing."""
 _SCHEDULES = ("every", "delayed")
 
 
@@ -49,7 +49,7 @@ class Disclosure:
     `form_13f` and `n_port` make one; `Disclosure()` hides nothing, and prints as "exact".
 
     Args:
-        operations: What is done to the decisions, in order.
+        operations: The operations, in order.
 
     Raises:
         InputError: An operation is unknown or malformed, or together they never show a decision.
@@ -74,11 +74,11 @@ class Disclosure:
 
     @classmethod
     def of(cls, given: Any) -> Disclosure:
-        """Return the disclosure that a text or a table stands for; None is everything, and a disclosure stays as it is.
+        """Return the disclosure of a text or a table; None discloses everything, and a disclosure is returned as it is.
 
         Args:
-            given: A text such as "every(3)|delayed(2)"; or a mapping from names of operations, in order, to what each takes:
-                a number, a list, a table of keywords, or true where it takes nothing.
+            given: A text such as "every(3)|delayed(2)"; or a mapping from names of operations, in order, to their arguments: a
+                number, a list, a table of keywords, or true where there are none.
 
         Raises:
             InputError: It is no such text or table.
@@ -131,13 +131,13 @@ class Disclosure:
         return self.schedule.is_immediate and not self.maps
 
     def of_problem(self, problem: Any) -> Disclosure:
-        """Return the disclosure in which prices of no problem in particular are those of this one."""
+        """Return the disclosure with `bus_prices()` taken from this problem."""
         own = Operation("bus_prices", (problem,))
         return Disclosure(tuple(own if str(each) == "bus_prices()" else each for each in self.operations))
 
     @property
     def needs_returns(self) -> bool:
-        """Whether decisions are shown through the returns of their period alone."""
+        """Whether only the portfolio's return is disclosed, which needs the returns of the period."""
         return any(each.name == "portfolio_return" for each in self.maps)
 
     @property
@@ -146,7 +146,7 @@ class Disclosure:
         return tuple(CALENDARS[each.name] for each in self.operations if each.name in CALENDARS)
 
     def summary(self) -> str:
-        """Return the disclosure in words: what is shown, how often, how late, and by which rule."""
+        """Return the disclosure in words: what is disclosed, how often, how late, and by which rule."""
         period, offset, lag = self.schedule
         often = (
             "every decision" if period == 1 else f"one decision in {period}, of steps {offset}, {offset + period}, …"
@@ -158,11 +158,11 @@ class Disclosure:
         return "\n".join(lines)
 
     def shown(self, actions: ArrayLike, *, returns: ArrayLike | None = None) -> Array:
-        """Return how single decisions look, shape (M,V), or (M,) of choices; nothing is left out or moved.
+        """Return the disclosed values of single decisions, shape (M,V), or (M,) for choices, without the schedule.
 
         Args:
-            actions: Decisions (M,U), or choices (M,). What is shown has their order, whatever their labels.
-            returns: Of the period of each decision, (M,U) or one (U,) for all; for `portfolio_return` alone.
+            actions: Decisions (M,U), or choices (M,). The values have their order, whatever their labels.
+            returns: Returns of each decision's period, (M,U) or one (U,) for all; for `portfolio_return` alone.
 
         Raises:
             InputError: A map does not suit the decisions, or `portfolio_return` lacks its returns.
@@ -172,11 +172,11 @@ class Disclosure:
         return self._mapped(points, self._returns(returns, points, (None, assets)))
 
     def __call__(self, actions: ArrayLike, *, returns: ArrayLike | None = None) -> Array:
-        """Return what is seen at each step, shape (T,V), or (T,) of choices: NaN throughout where nothing is.
+        """Return the disclosed values of each step, shape (T,V), or (T,) for choices: NaN where there is none.
 
         Args:
             actions: u_0..u_{T-1}, shape (T,U), or choices (T,).
-            returns: Of the period of each decision, (T,U), as a fraction; for `portfolio_return` alone.
+            returns: Returns of each decision's period, (T,U), as fractions; for `portfolio_return` alone.
 
         Raises:
             InputError: As `shown`.
@@ -190,7 +190,7 @@ class Disclosure:
         return found
 
     def _assets(self) -> Axis:
-        """What is known of assets' labels: nothing says which of them groups were made for."""
+        """The axis of assets without labels, because groups are given by position."""
         return Axis("asset", learns=all(each.name != "grouped" for each in self.maps))
 
     def _mapped(self, points: Array, returns: Array | None) -> Array:
@@ -201,9 +201,9 @@ class Disclosure:
     def check_returns(self, returns: ArrayLike | None) -> None:
         """Raise `InputError` where returns are missing, or not needed."""
         if returns is not None and not self.needs_returns:
-            raise InputError(f"returns were given, but {self} shows decisions without them")
+            raise InputError(f"returns were given, but {self} does not use them")
         if returns is None and self.needs_returns:
-            raise InputError(f"{self} shows decisions through the returns of their period: pass `returns`")
+            raise InputError(f"{self} needs the returns of the period: pass `returns`")
 
     def _returns(self, returns: ArrayLike | None, points: Array, axes: tuple[Axis | None, Axis]) -> Array | None:
         self.check_returns(returns)
@@ -227,12 +227,12 @@ def every(n: int, offset: int = 0) -> Disclosure:
 
     Args:
         n: At least 1, in steps.
-        offset: The first step that is shown, in 0..n−1.
+        offset: The first disclosed step, in 0..n−1.
 
     Raises:
         InputError: A number is not whole or out of range.
 
-    Source: periodic reports.
+    Cost: none. Source: periodic reports.
 
     Example:
         >>> print(every(3)([[0.1], [0.2], [0.3], [0.4]]).reshape(-1))
@@ -252,7 +252,7 @@ def delayed(steps: int) -> Disclosure:
     Raises:
         InputError: It is no whole number of at least 0.
 
-    Source: reports that are due some time after the day they speak of.
+    Cost: none. Source: reports that are due some time after their date.
 
     Example:
         >>> print(delayed(1)([[0.1], [0.2], [0.3]]).reshape(-1))
@@ -264,7 +264,7 @@ def delayed(steps: int) -> Disclosure:
 def rounded(digits: int) -> Disclosure:
     """Return the disclosure of decisions rounded to decimals, halves to even.
 
-    Two roundings are not ordered: neither of rounded(1) and rounded(2) can be made of the other.
+    Neither of two roundings determines the other: rounded(1) does not follow from rounded(2), nor the reverse.
 
     Args:
         digits: Decimals kept, 0 to 15.
@@ -272,7 +272,7 @@ def rounded(digits: int) -> Disclosure:
     Raises:
         InputError: It is no whole number in that range.
 
-    Source: percentages as they are printed.
+    Cost: none. Source: printed percentages.
 
     Example:
         >>> print(rounded(1)([[0.123, 0.877]]))
@@ -282,11 +282,11 @@ def rounded(digits: int) -> Disclosure:
 
 
 def long_only() -> Disclosure:
-    """Return the disclosure of positions above zero; others are shown as zero.
+    """Return the disclosure of positive positions; others are disclosed as zero.
 
     Formula: max(u_i, 0).
 
-    Source: reports in which short positions do not appear, such as Form 13F.
+    Cost: none. Source: reports in which short positions do not appear, such as Form 13F.
 
     Example:
         >>> print(long_only()([[0.6, -0.1, 0.5]]))
@@ -296,7 +296,7 @@ def long_only() -> Disclosure:
 
 
 def at_least(weight: float) -> Disclosure:
-    """Return the disclosure of positions of at least a size, long or short; smaller ones are shown as zero.
+    """Return the disclosure of positions of at least a size, long or short; smaller ones are disclosed as zero.
 
     Formula: u_i where |u_i| ≥ w, else 0.
 
@@ -306,7 +306,7 @@ def at_least(weight: float) -> Disclosure:
     Raises:
         InputError: It is no such number.
 
-    Source: thresholds below which a position need not be reported.
+    Cost: none. Source: thresholds below which a position need not be reported.
 
     Example:
         >>> print(at_least(0.05)([[0.02, 0.38, 0.6]]))
@@ -316,7 +316,7 @@ def at_least(weight: float) -> Disclosure:
 
 
 def top(n: int) -> Disclosure:
-    """Return the disclosure of the n largest positions by size; others are shown as zero, ties go to what is listed first.
+    """Return the disclosure of the n largest positions by size; others are disclosed as zero, ties go to the first.
 
     Args:
         n: At least 1.
@@ -324,7 +324,7 @@ def top(n: int) -> Disclosure:
     Raises:
         InputError: It is no such whole number.
 
-    Source: the ten largest holdings of a fact sheet.
+    Cost: a sort. Source: the ten largest holdings of a fact sheet.
 
     Example:
         >>> print(top(1)([[0.2, 0.3, 0.5]]))
@@ -334,7 +334,7 @@ def top(n: int) -> Disclosure:
 
 
 def grouped(labels: ArrayLike) -> Disclosure:
-    """Return the disclosure of sums over groups, such as sectors; of finite choices the group that a choice belongs to.
+    """Return the disclosure of sums over groups, such as sectors; for finite choices of the group of a choice.
 
     Formula: Σ_{i in group} u_i, groups in the order in which they first occur.
 
@@ -344,7 +344,7 @@ def grouped(labels: ArrayLike) -> Disclosure:
     Raises:
         InputError: There are none, or they are of another kind.
 
-    Source: sector weights.
+    Cost: none. Source: sector weights.
 
     Example:
         >>> print(grouped(["energy", "energy", "food"])([[0.2, 0.3, 0.5]]))
@@ -361,12 +361,12 @@ def only(places: Sequence[int]) -> Disclosure:
     """Return the disclosure of some coordinates of a decision, such as the units that an observer can watch.
 
     Args:
-        places: Their numbers from 0, in the order in which they are shown.
+        places: Their numbers from 0, in the order of disclosure.
 
     Raises:
         InputError: There are none, or they are no different whole numbers of at least 0.
 
-    Source: partial observation.
+    Cost: none. Source: partial observation.
 
     Example:
         >>> print(only([2, 0])([[0.2, 0.3, 0.5]]))
@@ -376,7 +376,7 @@ def only(places: Sequence[int]) -> Disclosure:
 
 
 def bus_prices(problem: DispatchProblem | None = None) -> Disclosure:
-    """Return the disclosure of the prices at a network's buses in place of the schedule that makes them.
+    """Return the disclosure of the prices at a network's buses instead of the schedule.
 
     Formula: as `DispatchProblem.bus_prices`, to nine digits of the largest.
 
@@ -386,7 +386,8 @@ def bus_prices(problem: DispatchProblem | None = None) -> Disclosure:
     Raises:
         InputError: It is no dispatch problem.
 
-    Source: locational marginal prices (Schweppe, Caramanis, Tabors, Bohn, Spot Pricing of Electricity, 1988).
+    Cost: as `DispatchProblem.bus_prices`. Source: locational marginal prices (Schweppe, Caramanis, Tabors, Bohn, Spot Pricing
+    of Electricity, 1988).
 
     Example:
         >>> bus_prices()
@@ -396,14 +397,14 @@ def bus_prices(problem: DispatchProblem | None = None) -> Disclosure:
 
 
 def portfolio_return() -> Disclosure:
-    """Return the disclosure of what decisions earn, to an observer who knows the returns of every asset.
+    """Return the disclosure of the portfolio's return, to an observer who knows the returns of every asset.
 
     Formula: u_t'r_{t+1}, with r_{t+1} the returns of the period for which u_t is held.
 
     An observer needs the returns as public information: `disclosure(actions, returns=...)` and
     `SequentialAdversary.filter(..., returns=...)` take them.
 
-    Source: the value of a fund, published every day.
+    Cost: none. Source: the value of a fund, published every day.
 
     Example:
         >>> print(portfolio_return()([[0.5, 0.5]], returns=[[0.02, 0.04]]))
@@ -413,12 +414,12 @@ def portfolio_return() -> Disclosure:
 
 
 def form_13f(offset: int = 2) -> Disclosure:
-    """Return what Form 13F shows of a US manager's holdings, in steps of months: long positions at quarter ends, 45 days later.
+    """Return what Form 13F discloses of a US manager's holdings, in months: long positions at quarter ends, 45 days later.
 
-    Formula: long_only() | every(3, offset) | delayed(2). What is due in the middle of the second month after the quarter is
+    Formula: long_only() | every(3, offset) | delayed(2): filings due in the middle of the second month after the quarter are
     known from the end of that month on.
 
-    The law shows positions, not weights, of securities on the official list alone; both are taken for the whole portfolio.
+    The law prescribes positions, not weights, of securities on the official list alone; here they stand for the portfolio.
 
     Args:
         offset: The first step that ends a quarter: 2 where step 0 is a January, April, July or October.
@@ -426,7 +427,7 @@ def form_13f(offset: int = 2) -> Disclosure:
     Raises:
         InputError: It is not 0, 1 or 2.
 
-    Source: 17 CFR 240.13f-1(a)(1), "within 45 days after the last day" of a quarter, as of February 2026; its wording was
+    Cost: none. Source: 17 CFR 240.13f-1(a)(1), "within 45 days after the last day" of a quarter, as of February 2026; it was
     checked against a copy of the rule, not against the regulator's own page. That short positions are left out is the form's
     practice, as described by others.
 
@@ -438,7 +439,7 @@ def form_13f(offset: int = 2) -> Disclosure:
 
 
 def n_port(offset: int = 2) -> Disclosure:
-    """Return what Form N-PORT shows of a US fund's portfolio, in steps of months: fiscal quarter ends, 60 days later.
+    """Return what Form N-PORT discloses of a US fund's portfolio, in months: fiscal quarter ends, 60 days later.
 
     Formula: every(3, offset) | delayed(2).
 
@@ -451,7 +452,7 @@ def n_port(offset: int = 2) -> Disclosure:
     Raises:
         InputError: It is not 0, 1 or 2.
 
-    Source: 17 CFR 270.30b1-9 as amended in 2019 (84 FR 7980), as of February 2026; checked against the regulator's
+    Cost: none. Source: 17 CFR 270.30b1-9 as amended in 2019 (84 FR 7980), as of February 2026; checked against the regulator's
     announcements, not against the rule's own page. 89 FR 73764 has the amendments of 2024, postponed to November 2027.
 
     Example:
@@ -483,7 +484,7 @@ _KNOWN = {
     )
 }
 _LEFT_OUT: Mapping[str, tuple[int]] = {"every": (0,), "form_13f": (2,), "n_port": (2,)}
-"""A last value that need not be written."""
+"""Default of a last argument that is not written."""
 _MOST_DIGITS = 15
 _QUARTER = 3
 
@@ -555,7 +556,7 @@ _CHECKS: Mapping[str, Any] = {
 
 
 def _made(name: str, values: list[Any], keywords: dict[str, Any]) -> Disclosure:
-    """One operation as it is called."""
+    """One operation with its arguments."""
     if name not in _KNOWN:
         raise InputError(f"there is no disclosure {name!r}; expected {EXACT} or one of {few(_KNOWN, len(_KNOWN))}")
     try:
@@ -565,7 +566,7 @@ def _made(name: str, values: list[Any], keywords: dict[str, Any]) -> Disclosure:
 
 
 def _call(name: str, value: Any) -> tuple[str, list[Any], dict[str, Any]]:
-    """What a table's entry stands for."""
+    """Name and arguments of a table's entry."""
     if isinstance(value, Mapping):
         return name, [], dict(value)
     if value is True:

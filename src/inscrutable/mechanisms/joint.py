@@ -18,7 +18,7 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """p(π_b, u_m) = w_b K(u_m|π_b) as a list of its entries above zero: its memory is theirs, not B·M."""
+    """p(π_b, u_m) = w_b K(u_m|π_b) as a list of its positive entries."""
 
     beliefs: Array  # (B, X)
     weights: Array  # (B,)

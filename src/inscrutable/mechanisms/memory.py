@@ -20,7 +20,7 @@ from inscrutable.validation import Array
 
 @runtime_checkable
 class MechanismRule(Protocol):
-    """A rule with one mechanism for each law of the belief that the observer can hold; ties are resolved as before.
+    """A rule with one mechanism for each law of the observer; ties go to the decision before.
 
     Source: Kerckhoffs' principle: the rule is public, hence the mechanism of each step.
 
@@ -36,12 +36,12 @@ class MechanismRule(Protocol):
 
     @property
     def beliefs(self) -> Array:
-        """The beliefs on which it takes laws, shape (B,X)."""
+        """The grid of beliefs of its laws, shape (B,X)."""
 
     def mechanism_for(self, law: Prior, before: Any = None) -> Mechanism:
-        """Return what is played, on `law.beliefs` in their order, when the observer holds `law` before the decision.
+        """Return the mechanism on `law.beliefs`, in their order, where `law` is the observer's before the decision.
 
-        `before` is the decision of the step before, (U,) or a choice, to which ties may go; None where there is none.
+        `before` is the decision of the step before, (U,) or a choice, which may win ties; None where there is none.
         """
 
 
@@ -54,13 +54,13 @@ class MemoryMechanism(Summarised, Saved):
 
     Args:
         beliefs: π_b, shape (B,X).
-        actions: u_m, shape (M,U); (M,) whole numbers where decisions are finite choices. Those an observer cannot tell apart,
-            to `tolerances.SAME_ACTION`, count as one.
+        actions: u_m, shape (M,U); (M,) whole numbers where decisions are finite choices. Those that agree to
+            `tolerances.SAME_ACTION` are one decision to an observer.
         probabilities: K, shape (B,N,M,N) with the memory before as second and the memory after as last axis; or a sparse array
             of shape (B·N, M·N) with the same entries in the same order. Kept sparse.
         initial: The law of the memory before the first decision, shape (N,).
         regrets: ρ(π_b, u_m), shape (B,M), in the cost's unit; at least 0.
-        is_public: Whether everybody who sees the decisions sees the memory too, before the first and after each.
+        is_public: Whether observers see the memory too, before the first decision and after each.
 
     Raises:
         InputError: The shapes do not agree, a number is not finite, a regret is negative, or probabilities do not sum to one.
@@ -124,8 +124,7 @@ class MemoryMechanism(Summarised, Saved):
 
     @cached_property
     def observed(self) -> Any:
-        """K as an observer sees it, sparse (B·N, M·N): decisions that cannot be distinguished have their shares at the
-        first."""
+        """K as an observer sees it, sparse (B·N, M·N): indistinguishable decisions have their probabilities at the first."""
         first, count = merged(self.actions), self.n_memories
         if first is None:
             return self.probabilities
@@ -146,7 +145,7 @@ class MemoryMechanism(Summarised, Saved):
 
 
 def with_memory(mechanism: Mechanism | MemoryMechanism) -> MemoryMechanism:
-    """Return a mechanism as one of a single memory; one that has memories stays as it is."""
+    """Return a mechanism as one of a single memory; one with memories is returned as it is."""
     if isinstance(mechanism, MemoryMechanism):
         return mechanism
     return MemoryMechanism(mechanism.beliefs, mechanism.actions, mechanism.sparse, np.ones(1), mechanism.regrets)

@@ -1,4 +1,4 @@
-"""A mechanism: K(u|π) on finitely many beliefs and decisions, with what each costs."""
+"""A mechanism: K(u|π) on finitely many beliefs and decisions, with the regrets."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MOST_DENSE = 2**24
 
 
 class PlaysMany(Protocol):
-    """A decision maker as far as a mechanism needs it."""
+    """The part of a decision maker that a mechanism needs."""
 
     problem: DecisionProblem
 
@@ -33,7 +33,7 @@ class PlaysMany(Protocol):
 
 
 class HasActions(Protocol):
-    """Candidates as far as a mechanism needs them."""
+    """The part of candidates that a mechanism needs."""
 
     actions: Array
 
@@ -46,8 +46,8 @@ class Mechanism(Summarised, Saved):
 
     Args:
         beliefs: π_b, shape (B,X).
-        actions: u_m, shape (M,U); (M,) whole numbers where decisions are finite choices. Those an observer cannot tell apart,
-            to `tolerances.SAME_ACTION`, count as one wherever something is inferred from them.
+        actions: u_m, shape (M,U); (M,) whole numbers where decisions are finite choices. Those that agree to
+            `tolerances.SAME_ACTION` are one decision to an observer.
         probabilities: K, shape (B,M); a sparse array where it is too large for a plain one.
         regrets: ρ(π_b, u_m), shape (B,M), in the cost's unit; at least 0.
 
@@ -94,8 +94,7 @@ class Mechanism(Summarised, Saved):
 
     @cached_property
     def observed(self) -> Any:
-        """K as an observer sees it: decisions that cannot be distinguished have their probabilities at the first, shape
-        (B,M)."""
+        """K as an observer sees it, shape (B,M): indistinguishable decisions have their probabilities at the first."""
         first, count = merged(self.actions), len(self.actions)
         if first is None:
             return self.probabilities
@@ -103,7 +102,7 @@ class Mechanism(Summarised, Saved):
         return sparse.csr_array(self.sparse @ merging)
 
     def played(self, weights: ArrayLike) -> Array:
-        """Return how often each action is played under weights of the beliefs: Σ_b w_b K(u_m|π_b), shape (M,)."""
+        """Return the probability of each action under weights of the beliefs: Σ_b w_b K(u_m|π_b), shape (M,)."""
         return np.asarray(self.sparse.T @ validation.real_array(weights, "weights"))
 
     @property
@@ -186,11 +185,11 @@ def mechanism(
     Args:
         decision_maker: Anything with `problem` and `decide_many`, such as `OriginalDecisionMaker(problem)`.
         beliefs: π_b, shape (B,X).
-        candidates: Decisions to list first, in their order, played or not: `Candidates`, or feasible decisions (M,U); None
-            lists what is played alone.
+        candidates: Decisions to list first, in their order, even with probability 0: `Candidates`, or feasible decisions
+            (M,U); None lists only decisions of positive probability.
 
     Raises:
-        InputError: The beliefs are no probability vectors, the decision maker cannot decide, or decides by what came before,
+        InputError: The beliefs are no probability vectors, the decision maker cannot decide, or depends on earlier decisions,
             or a candidate is no feasible decision.
 
     Cost: one call of `decide_many`, and B·M regrets.
@@ -227,7 +226,7 @@ def checked_memoryless(decision_maker: Any) -> PlaysMany:
         raise InputError(f"a decision maker with `problem` and `decide_many` is needed, got {decision_maker!r}")
     if not getattr(decision_maker, "is_memoryless", True):
         raise InputError(
-            f"{type(decision_maker).__name__} decides by what came before, not by the belief alone, so that it is no "
+            f"{type(decision_maker).__name__} depends on earlier decisions, not on the belief alone, so that it is no "
             "mechanism K(u|π); call its decide_many on a path of beliefs"
         )
     found: PlaysMany = decision_maker
@@ -247,7 +246,7 @@ def _listed(problem: DecisionProblem, candidates: Any) -> Array:
 
 
 def atoms_of(decision_maker: Any, beliefs: Array) -> tuple[Array, np.ndarray, np.ndarray, Array]:
-    """Played points in the order in which they come up, and for every atom its belief, its point and its probability."""
+    """Points of positive probability in order of first use, and for every atom its belief, its point and its probability."""
     if hasattr(decision_maker, "table"):
         points, numbers, shares = decision_maker.table(beliefs)
         row, atom = np.nonzero(shares > 0)

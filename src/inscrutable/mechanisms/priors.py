@@ -90,7 +90,7 @@ def uniform_prior(n_states: int, resolution: int) -> Prior:
     Raises:
         InputError: A number is not whole or below 1, or the grid is too large for the memory.
 
-    Source: the prior of an observer without knowledge of the world.
+    Cost: B·X numbers. Source: the prior of an observer without knowledge of the world.
 
     Example:
         >>> len(uniform_prior(3, 30))
@@ -105,7 +105,7 @@ def filtered_prior(
 ) -> Prior:
     """Return the long-run law of the filtered belief p(x_t | y_0..t), binned on the regular grid of beliefs.
 
-    Right where a decision pays by the state of its own time, as in the paper: the agent decides on what its filter says now.
+    Use it where the cost depends on the state at the time of the decision, as in the paper.
 
     Formula: w_b = share of the steps t whose filtered belief π_t has π_b as the nearest point of the grid; grid points
     never met are left out.
@@ -121,7 +121,7 @@ def filtered_prior(
 
     Cost: one simulated and filtered path.
 
-    Source: ergodic averages of the filter, the paper's eq. (2) run for long.
+    Source: ergodic averages of the filter, the paper's eq. (2).
 
     Example:
         >>> from inscrutable import CategoricalEmission, HiddenMarkovModel
@@ -142,9 +142,9 @@ def predicted_prior(
 ) -> Prior:
     """Return the long-run law of the belief about the next state, p(x_{t+1} | y_0..t), on the points of a moved grid.
 
-    Right where a decision pays by the state after it, as holdings do that earn the next row's return: the investor of
-    `run_backtest`, `attack_weights`, `protect` and `compare` decides on this belief. It is nearer to the mean than the
-    filtered one, so that an observer who confuses the two misjudges the information in decisions.
+    Use it where the cost depends on the state after the decision, as for holdings that earn the next row's return: the investor
+    of `run_backtest`, `attack_weights`, `protect` and `compare` decides on this belief. It is nearer to the mean than the
+    filtered one; an observer who confuses the two misjudges the information in decisions.
 
     Formula: weights of `filtered_prior`, each of its points π moved to P'π.
 
@@ -185,7 +185,7 @@ def checked_prior(prior: Any, n_states: int | None = None) -> Prior:
 
 
 class GridVisits(NamedTuple):
-    """A simulated path of beliefs on a grid: its law, the point at each step, and what was public there, if anything."""
+    """A simulated path of beliefs on a grid: its law, the point at each step, and the public observations, if any."""
 
     prior: Prior
     places: np.ndarray

@@ -1,4 +1,4 @@
-"""Public real numbers in cells: which cell a number is in, and the error that the cells add."""
+"""Public real numbers discretised to cells, and the error that the cells add."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ _MOST_SEEN = 20_000
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PublicCells:
-    """Cells of real numbers z that everybody reads, of like p(x|z) in the long run; or between cuts of one number.
+    """Cells of public real numbers z with similar p(x|z); or between cut points of one number.
 
     Args:
         emission: The law of z given the state.
         weights: The long-run law of the states, shape (X,).
         centres: Posteriors in the middle of the cells, shape (Z,X); of cuts None.
-        cuts: Rising numbers that cut a single one; None where there are centres.
-        numbers_error: √E‖π − E[π|z_0..z_t]‖², the error of an observer who reads the numbers and sees no decision, on a path
+        cuts: Rising cut points of a single number; None where there are centres.
+        numbers_error: √E‖π − E[π|z_0..z_t]‖², the error of an observer who has the numbers and sees no decision, on a path
             that was not used to make the cells.
-        symbols_error: The same of an observer who reads cells, by the chain on its grid: what the cells, the grid and the
-            counted tables cost together.
+        symbols_error: The same for an observer who has cells, by the chain on its grid: the errors of cells, grid and counted
+            tables together.
         error_se: Standard error of the difference of these two.
 
     Source: Lloyd, Least squares quantization in PCM (IEEE Trans. IT 28, 1982).
@@ -67,7 +67,7 @@ class PublicCells:
         rows = real_rows(in_rows(values, Axis("row", learns=True), "public"), Axis("public column", names))
         if self.cuts is not None:
             if rows.shape[1] != 1:
-                raise InputError(f"public must be one number a step, which is cut, got {rows.shape[1]}")
+                raise InputError(f"public must be one number a step where cuts are given, got {rows.shape[1]}")
             return np.searchsorted(self.cuts, rows[:, 0])
         assert self.centres is not None
         return np.asarray(cKDTree(self.centres).query(posteriors(self.emission, self.weights, rows))[1])
@@ -93,7 +93,7 @@ def posteriors(emission: Emission, weights: Array, values: Any) -> Array:
 
 
 def cells_of(world: HiddenMarkovModel, values: Any, n_cells: int, *, rng: np.random.Generator) -> PublicCells:
-    """Return cells of what is public in a world, from numbers (T,D) met in the long run."""
+    """Return cells of a world's public numbers, from a long path of them (T,D)."""
     emission = world.public_emission
     assert emission is not None
     weights = long_run(world.transition, world.initial)

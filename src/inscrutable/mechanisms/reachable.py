@@ -13,15 +13,15 @@ from inscrutable.worlds.public import joint_symbols
 
 
 def reachable_beliefs(world: HiddenMarkovModel, n_steps: int, *, limit: int = 20_000) -> Array:
-    """Return every belief that the filter of a world can hold within its first observations.
+    """Return every belief that a world's filter can reach within its first observations.
 
     Formula: {π_t : t < n_steps, y_0..t of positive probability}; beliefs that agree to `tolerances.REACHED_BELIEF` are one.
     A mechanism on these beliefs makes `SequentialAdversary` exact.
 
     Args:
         world: A world whose sensor, and the public one where there is one, is a `CategoricalEmission`; Y symbols or pairs.
-        n_steps: How many observations the agent makes, at least 1.
-        limit: Most beliefs returned; Y + Y² + … + Y^n_steps of them may differ.
+        n_steps: Number of observations, at least 1.
+        limit: Largest number of beliefs; up to Y + Y² + … + Y^n_steps may differ.
 
     Returns:
         Shape (B,X), in the order in which they are first reached.

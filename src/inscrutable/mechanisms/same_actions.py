@@ -1,4 +1,4 @@
-"""Which decisions an observer cannot tell apart."""
+"""Which decisions are indistinguishable to an observer."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from inscrutable.validation import Array
 def first_same(actions: Array, tolerance: float = tolerances.SAME_ACTION) -> np.ndarray:
     """Return, for every decision of (M,U), the index of the first one that it cannot be distinguished from, shape (M,).
 
-    Decisions within the tolerance of each other in every coordinate are the same, and so are chains of them;
-    those that rounding alone would call two are found by a tree.
+    Decisions within the tolerance of each other in every coordinate are the same, and so are chains of them; pairs on two
+    sides of a rounding boundary are found by a tree.
     """
     first = first_equal(actions, tolerance)
     apart = np.unique(first)

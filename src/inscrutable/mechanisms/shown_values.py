@@ -1,4 +1,4 @@
-"""How single decisions look under each map of a disclosure: decisions (M,U) in, values (M,V) out."""
+"""The maps of disclosures: decisions (M,U) in, disclosed values (M,V) out."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _PRICE_DIGITS = 9
 
 
 def _of_numbers(what: str) -> Callable[[Callable[..., Array]], Callable[..., Array]]:
-    """Refuse finite choices, which are no sizes of anything."""
+    """Refuse finite choices, which have no sizes."""
 
     def made(function: Callable[..., Array]) -> Callable[..., Array]:
         def checked(points: Array, *values: Any) -> Array:

@@ -1,4 +1,4 @@
-"""Whether an observer can detect that an agent hides: by one decision that no belief explains, or by frequencies."""
+"""Whether an observer can detect altered decisions: by one decision that no belief explains, or by frequencies."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Detectability(Summarised, Saved):
-    """Detectability: how well a test of one decision separates an agent who hides from one who does not, under a prior.
+    """Detectability: how well a test of one decision separates a mechanism from the optimal rule, under a prior.
 
     Formula: p(u) = Σ_b w_b K(u|π_b) for the mechanism, q(u) = Σ_b w_b [u = u*(π_b)] for the optimal decisions, and
     r(u) = min_π ρ(π,u).
@@ -29,21 +29,21 @@ class Detectability(Summarised, Saved):
     Args:
         expected_gap: Σ_u p(u) r(u), in the cost's unit.
         largest_gap: The largest r(u) of a played decision, in the cost's unit.
-        implausible_share: Σ_u p(u) [no belief explains u]: how often one decision alone gives the hiding away.
+        implausible_share: Σ_u p(u) [no belief explains u]: the probability that one decision alone proves the alteration.
         auc: P(λ(u) > λ(v)) + ½ P(λ(u) = λ(v)) for u drawn from p and v from q, with λ = p/q: ½ where a test is no better than
         chance.
-        total_variation: ½ Σ_u |p(u) − q(u)|: the best test is right in a share (1 + this)/2 of equally many of both.
-        divergence: Σ_u p(u) log2(p(u)/q(u)), in bits a decision: how fast evidence grows over independent decisions; infinite
-            where a decision is played that is optimal under no belief of the prior.
-        read_auc: The same area when the observer looks only at which belief of the prior is nearest to its naive reading of
-            the decision, the mean of the corners of Π(u); all decisions that no belief explains are one outcome.
-        read_total_variation: The total variation of these readings.
+        total_variation: ½ Σ_u |p(u) − q(u)|: with equal odds the best test is right with probability (1 + this)/2.
+        divergence: Σ_u p(u) log2(p(u)/q(u)), in bits a decision: the growth of evidence over independent decisions; infinite
+            where some decision is optimal under no belief of the prior.
+        read_auc: The AUC of an observer who uses only the naive estimate, rounded to the nearest belief of the prior; the
+            estimate is the mean of the corners of Π(u), and all decisions that no belief explains are one outcome.
+        read_total_variation: The total variation of these estimates.
         gaps: r(u) of each of the mechanism's decisions, shape (M,); NaN for one never played.
         likelihood_ratios: λ of each of them, shape (M,): infinite where q is zero, NaN where both are.
-        excuses: The belief that leaves a played decision that none explains the least regret, shape (M,X); NaN for others.
+        excuses: For a played decision that no belief explains, the belief of least regret, shape (M,X); NaN for others.
 
-    Beliefs that stand for a continuum make a comparison decision by decision pessimistic: one that is optimal between two
-        points of the prior differs from all that are optimal at them. The gaps and the readings know no such artefact.
+    Where a prior's points approximate a continuum, a comparison decision by decision is pessimistic: a decision that is
+        optimal between two points differs from all that are optimal at them. The gaps and `read_` figures avoid this.
 
     Source: Neyman and Pearson (1933) for the ratio; the area under the curve as a probability: Hanley and McNeil (1982).
 

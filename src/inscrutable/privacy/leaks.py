@@ -1,4 +1,4 @@
-"""Leakage to the aware observer: information, errors and guesses, with what the mechanism costs."""
+"""Leakage to the aware observer: information, errors and guesses, with the regret of the mechanism."""
 
 from __future__ import annotations
 
@@ -26,31 +26,31 @@ class Leakage(Summarised, Saved):
     Args:
         mutual_information: I(π;u) = Σ p(b,u) log2(K(u|π_b)/p(u)), in bits.
         bayes_error: √Σ p(b,u) ‖π_b − μ_u‖², the root mean square error of the best estimate; Euclidean, in units of belief.
-        prior_error: √Σ w_b ‖π_b − Σ w π‖², the same before any decision is seen: the ceiling.
+        prior_error: √Σ w_b ‖π_b − Σ w π‖², the same before any decision is seen: the largest possible.
         top_state_accuracy: Σ_u max_i Σ_b p(b,u) [i is a most likely state of π_b]: how often the best guess of the most
             likely state is right. Where states tie in a belief, each of them counts as right.
-        min_entropy_leakage: log2(Σ_u max_b p(b,u) / max_b w_b), in bits: by how much one guess at the belief improves.
+        min_entropy_leakage: log2(Σ_u max_b p(b,u) / max_b w_b), in bits: the gain of one guess at the belief.
         maximal_leakage: log2 Σ_u max_{b: w_b>0} K(u|π_b), in bits: the largest min-entropy leakage of any prior on these
             beliefs, and of any guess at any function of the belief.
         expected_regret: Σ p(b,u) ρ(π_b,u), in the cost's unit.
         worst_regret: The largest ρ(π_b,u) of any decision that is played with w_b > 0, in the cost's unit.
-        prior_entropy: −Σ w_b log2 w_b, in bits: no more than this can leak.
+        prior_entropy: −Σ w_b log2 w_b, in bits: an upper bound of the leakage.
         prior_top_state_accuracy: max_i Σ_b w_b [i is a most likely state of π_b].
         n_beliefs: Beliefs with weight.
-        n_actions: Decisions that are played under one of them, as many as the observer can tell apart.
-        least_error: The least over beliefs with weight of √Σ_u K(u|π_b) ‖π_b − μ_u‖²: the belief that is hidden worst.
-        largest_error: The largest of the same: the belief that is hidden best.
+        n_actions: Distinguishable decisions of positive probability.
+        least_error: The least over beliefs with weight of √Σ_u K(u|π_b) ‖π_b − μ_u‖²: of the least hidden belief.
+        largest_error: The largest of the same: of the best hidden belief.
         worst_expected_regret: max_b Σ_u K(u|π_b) ρ(π_b,u) over beliefs with weight, in the cost's unit.
-        silence_regret: r₀ = min_u Σ w_b ρ(π_b,u), at which one constant decision suffices; NaN where no problem was given.
+        silence_regret: r₀ = min_u Σ w_b ρ(π_b,u), the least regret of a constant decision; NaN where no problem was given.
         pointwise_leakage: max_u log2 max_{b: w_b>0} K(u|π_b)/p(u), in bits: the same as the maximal leakage after the decision
         that leaks most, instead of on average.
-        bayes_loss: Σ_u p(u) L(p(·|u)), what a rival with the loss L loses on average who sees the decision; in L's unit, as
-            the next three. L is the square error where no other was given.
+        bayes_loss: Σ_u p(u) L(p(·|u)), the mean loss of a rival who sees the decision; in L's unit, as the next three. L is
+            the square error where no other was given.
         prior_loss: L(w), the same before any decision is seen.
-        worth: W = prior_loss − bayes_loss, what reading the decision is worth to the rival: 0 where the decision reveals
+        worth: W = prior_loss − bayes_loss, the value of the decision to the rival: 0 where the decision reveals
         nothing.
-        secret_worth: L(w) − Σ w_b L(δ_b), what the belief itself would be worth: no decision is worth more.
-        loss: Which loss it is.
+        secret_worth: L(w) − Σ w_b L(δ_b), the value of the belief itself to the rival: no decision is worth more.
+        loss: The loss.
 
     Source: Shannon (1948); Smith, On the foundations of quantitative information flow (2009), for min-entropy leakage;
     Issa, Wagner and Kamath, An operational approach to information leakage (2020), for maximal leakage; Saeidian, Cervia,
@@ -99,7 +99,7 @@ class Leakage(Summarised, Saved):
 
     @property
     def worth_share(self) -> float:
-        """What reading is worth as a share of what the secret is; NaN where that is worth nothing."""
+        """The decision's value to the rival as a share of the belief's; NaN where the belief has none."""
         return self.worth / self.secret_worth if self.secret_worth > 0 else float("nan")
 
     def summary(self) -> str:
@@ -141,9 +141,9 @@ def leakage(
         prior: Weights of the mechanism's beliefs; in another order, or only some of them, is fine.
         problem: The decision problem, for the silence regret r₀ = V(Σ w π) − Σ w V(π), exact because costs are linear in
             the belief; None leaves it out.
-        loss: What the rival wants the belief for, `NamingError()` or `RivalProblem(problem)`; None is the square error.
-        disclosure: What the observer is shown of a decision, such as `at_least(0.05)`, also as text; None is all of it. Regrets
-            are those of what is played.
+        loss: The rival's loss, `NamingError()` or `RivalProblem(problem)`; None is the square error.
+        disclosure: What is disclosed of a decision, such as `at_least(0.05)`, also as text; None is all of it. Regrets are
+            those of the decisions themselves.
 
     Raises:
         InputError: A belief of the prior is none of the mechanism's, a problem has another number of states, `loss` is none, or
@@ -194,9 +194,9 @@ def leakage(
 
 
 def _worths(joint: Joint, problem: DecisionProblem | None, given: Loss | None) -> dict[str, Any]:
-    """The rival's loss with and without the decision, and the worth of reading and of the secret.
+    """The rival's loss with and without the decision, and the value of the decision and of the belief.
 
-    A worth is a mean of differences none of which is below zero, L of the prior's best answer less L: at silence it is nothing.
+    A value is a mean of nonnegative differences, the loss of the prior's best answer minus L: 0 for a constant decision.
     """
     loss = checked_loss(given, joint.beliefs.shape[1], problem)
     held, shown = joint.weights > 0, joint.played > 0
@@ -205,7 +205,7 @@ def _worths(joint: Joint, problem: DecisionProblem | None, given: Loss | None) -
     secret = float(weights @ loss.excess(beliefs, mean))
     worth = min(
         float(joint.played[shown] @ loss.excess(on_simplex(joint.means[shown]), mean)), secret
-    )  # but for rounding
+    )  # up to rounding
     known = float(weights @ loss.least(beliefs))
     return {
         "bayes_loss": known + (secret - worth),

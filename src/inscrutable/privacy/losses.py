@@ -13,13 +13,13 @@ from inscrutable.validation import Array
 
 
 class Loss(ABC):
-    """The loss of a rival: what it uses the belief for.
+    """The loss of a rival that does not know the belief.
 
     Formula: L(p) = min_a Σ p(π) ℓ(π,a), the Bayes risk of a law p of the belief: concave, and least, L(δ_π), where the belief
-    is known. All losses here are decided by the mean of the law: the best answer is that to E[π].
+    is known. For all losses here the best answer depends on the mean E[π] of the law alone.
 
     Attributes:
-        unit: What it is counted in.
+        unit: Its unit, in words.
 
     Source: DeGroot, Uncertainty, information, and sequential experiments (1962).
 
@@ -57,7 +57,7 @@ class Loss(ABC):
 class SquaredError(Loss):
     """The square error of the best estimate of the belief, the default loss.
 
-    Formula: ℓ(π,a) = ‖π − a‖², so that L(p) = Σ p(π) ‖π − E[π]‖²: a variance. Average it, and take the root at the end.
+    Formula: ℓ(π,a) = ‖π − a‖², so that L(p) = Σ p(π) ‖π − E[π]‖²: a variance.
 
     Source: the estimate of least mean square error is the posterior mean.
 
@@ -71,7 +71,7 @@ class SquaredError(Loss):
     unit = "squared units of belief"
 
     def least(self, beliefs: Array) -> Array:
-        """Return zeros: nothing is lost where the belief is known."""
+        """Return zeros, the loss where the belief is known."""
         return np.zeros(len(beliefs))
 
     def excess(self, beliefs: Array, estimates: Array) -> Array:
@@ -79,12 +79,12 @@ class SquaredError(Loss):
         return np.asarray(((beliefs - estimates) ** 2).sum(axis=-1))
 
     def _forgone(self, laws: Array, beliefs: Array, means: Array) -> Array:
-        centre = beliefs.mean(axis=0)  # squares are differences: from the middle little is lost
+        centre = beliefs.mean(axis=0)  # squares about the middle lose few digits
         return np.maximum(laws @ self.excess(beliefs, centre) - self.excess(means, centre), 0.0)
 
 
 class DecisionLoss(Loss):
-    """A loss that is the cost of a decision: by the rival's problem on so many states.
+    """A loss that is the cost of a rival's decision, in a problem on so many states.
 
     Example:
         >>> RivalProblem(FiniteProblem([[0.0, 1.0], [1.0, 0.0]])).rival(2)
@@ -122,13 +122,13 @@ class RivalProblem(DecisionLoss):
 
     Args:
         problem: The rival's decision problem on the same states, in its own unit. Costs are linear in the belief, so that its
-            best decision is the one that suits the mean of its law.
+            best decision is the optimal one for the mean of its law.
 
     Raises:
         InputError: `problem` is no decision problem.
 
-    Cost: one decision of the rival per law. Source: Blackwell, Equivalent comparisons of experiments (1953): what an
-    observation is worth is what a decision problem gains by it.
+    Cost: one decision of the rival per law. Source: Blackwell, Equivalent comparisons of experiments (1953): the
+    value of an observation is the gain of a decision problem.
 
     Example:
         >>> from inscrutable import FiniteProblem, Prior
@@ -195,7 +195,7 @@ def checked_loss(loss: Any, n_states: int, problem: DecisionProblem | None = Non
 
 
 def on_simplex(means: Array) -> Array:
-    """Return means (n,X) of beliefs without what rounding has added to them."""
+    """Return means (n,X) of beliefs, projected on the simplex to remove rounding."""
     held = np.maximum(means, 0.0)
     return np.asarray(held / held.sum(axis=-1, keepdims=True))
 

@@ -1,4 +1,4 @@
-"""The paper's five measures of privacy Ψ, judged by what the consistent beliefs Π(u) say about the true belief π."""
+"""The paper's five measures of privacy Ψ, functions of the true belief π and the consistent beliefs Π(u)."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ class Reference(NamedTuple):
 class PrivacyMeasure(ABC):
     """A map (belief, consistent set) → privacy, larger is better, −∞ where the goal is missed.
 
-    The paper's five ask of a set its distance, its gap and whether it holds another belief: they judge `ImpliedViews` of a
-    mean as they judge a `BeliefSet`, a desired one where its target is a function.
+    The paper's five use only a set's distance, its gap and whether it holds another belief, so that they apply to
+    `ImpliedViews` of a mean as well as to a `BeliefSet`; for `DesiredObfuscation` the target must then be a function.
 
-    A subclass gives `__call__`; `values` may be overridden to judge many decisions at once.
+    A subclass gives `__call__`; `values` may be overridden for many decisions at once.
 
     Source: the paper, Section III-C.
 
@@ -54,14 +54,14 @@ class PrivacyMeasure(ABC):
     """Whether decisions that no belief explains can be best, so that decoys are not enough."""
 
     judges_empty: bool = False
-    """Whether the measure gives empty sets a meaning, so that the policy for them does not apply."""
+    """Whether the measure is defined for empty sets, so that `on_empty` does not apply."""
 
     is_indicator: bool = False
     """Whether the only values are 0, the goal is met, and −∞; the cheapest decision is then the best."""
 
     @abstractmethod
     def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
-        """Return Ψ for the true belief (X,) and the set that an observer reconstructs."""
+        """Return Ψ for the true belief (X,) and the naive observer's set."""
 
     def values(self, belief: Array, sets: ConsistentSets) -> Values:
         """Return Ψ of many decisions, shape (M,), exact or as upper bounds."""
@@ -157,7 +157,7 @@ class DesiredObfuscation(PrivacyMeasure):
             return validation.beliefs(self.target(belief), belief.size, "target")
         if self.target.ndim != 1:
             raise InputError(
-                f"the target has one belief for each of {len(self.target)} steps; decide_many uses them in turn"
+                f"the target has one belief for each of {len(self.target)} steps: call decide_many, which uses them in order"
             )
         return validation.beliefs(self.target, belief.size, "target")
 
@@ -201,8 +201,8 @@ class NonExistence(PrivacyMeasure):
     Formula: Ψ(u) = 0 if dist(π, Π(u)) ≥ margin (or > 0 at margin 0), −∞ otherwise; an empty set counts as absence.
 
     Args:
-        margin: Least distance, dimensionless, at least 0. The paper's letter is 0, which an arbitrarily small
-            change of the decision meets.
+        margin: Least distance, dimensionless, at least 0. The paper has 0, which an arbitrarily small change of the decision
+            meets.
 
     Raises:
         InputError: The margin is negative or not finite.
@@ -274,12 +274,12 @@ class NonUniqueness(PrivacyMeasure):
 
 
 class Infeasibility(PrivacyMeasure):
-    """Whether no belief explains the decision; the observer may notice.
+    """Whether no belief explains the decision; an observer can detect that.
 
     Formula: Ψ(u) = 0 if r(u) = min_π ρ(π,u) ≥ margin, −∞ otherwise.
 
     Args:
-        margin: Least plausibility gap, in the cost's unit, at least 0. The paper's letter (Π(u) = ∅) is 0.
+        margin: Least plausibility gap, in the cost's unit, at least 0. The paper has 0 (Π(u) = ∅).
 
     Raises:
         InputError: The margin is negative or not finite.

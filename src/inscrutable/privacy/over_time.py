@@ -1,4 +1,4 @@
-"""Leakage of decisions step by step while the private belief moves: information and errors along sampled paths."""
+"""Leakage of decisions step by step on a belief that moves over time: information and errors along sampled paths."""
 
 from __future__ import annotations
 
@@ -32,8 +32,7 @@ _LEAST_DRAWS = 10
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PathLeakage(Summarised, Saved):
-    """Leakage of the decisions u_0..u_t on a belief that moves to the aware observer, who knows the mechanism and how beliefs
-    move.
+    """Leakage of the decisions u_0..u_t to the aware observer, who knows the mechanism and the chain of the belief.
 
     All arrays have shape (T,), one entry a step; information is in bits, errors are in units of belief.
 
@@ -50,23 +49,22 @@ class PathLeakage(Summarised, Saved):
         state_information_se: The same.
         error_se: The same of `bayes_error`.
         prior_error: The error without decisions at each step, which no rule exceeds. On a grid that of the grid's law, a
-            little wider than the agent's own. Where something is public, that observer reads it, too.
-        interpolation_error: Largest expected distance, over steps and paths, of the agent's belief from the points of the
-            mechanism that stand for it; 0 where all is exact but for the sampling.
-        n_draws: Sampled paths; 0 where every sequence of decisions was followed, so that nothing is left to chance.
-        loss: E L(p_t), what a rival loses on average who wants the present belief and has seen all decisions so far, in
-            the unit of the loss L that was asked for; None where none was.
+            little larger than the agent's own. That observer has the public observations, too.
+        interpolation_error: Largest expected distance, over steps and paths, between the agent's belief and the mechanism's
+            points by which it is represented; 0 where there is no error but sampling.
+        n_draws: Sampled paths; 0 where all sequences of decisions were enumerated, so that there is no sampling error.
+        loss: E L(p_t), the mean loss of a rival who has seen all decisions so far, in the unit of the loss L; None where no
+            loss was given.
         loss_se: Its standard error over the sampled paths.
         prior_loss: The same without decisions.
-        cells_error: Where real numbers are public, and read as cells: the error without decisions from cells minus that from
-            the numbers themselves, at one step on average.
+        cells_error: Where public real numbers are discretised to cells: the error without decisions from cells minus that
+            from the numbers themselves, at one step on average.
 
-    Where the interpolation error is not 0, `bayes_error` is the true distance from the estimate. `added` and `cumulative` rest
-    on the chances that the observer gives to decisions: too many bits on average rather than too few, as any law but the true
-    one is more surprised (Gibbs), but for decisions that its grid contradicts and that are passed over, which count as none.
-    `belief_information` and `state_information` are what the observer believes to have learned. What happens more rarely than
-    once in `n_draws` paths is likely to be in none of them, and then neither in the figures nor in their standard errors. Where
-    something is public, all figures are conditional on it: information given the public observations so far.
+    Where the interpolation error is not 0, `bayes_error` is the true distance from the estimate. `added` and `cumulative` use
+    the observer's probabilities of decisions: on average they overestimate the bits (Gibbs' inequality), except that decisions
+    of probability 0 on the grid are skipped and count as 0. `belief_information` and `state_information` are computed from the
+    observer's own law. An event rarer than once in `n_draws` paths is probably in none of them, and so neither in the figures
+    nor in their standard errors. With public observations all figures are conditional on those so far.
 
     Source: the chain rule for mutual information (Shannon, 1948) with the inverse filter of `SequentialAdversary`.
 
@@ -100,7 +98,7 @@ class PathLeakage(Summarised, Saved):
 
     @property
     def worth(self) -> Array | None:
-        """What the decisions so far are worth to the rival at each step, at least 0; None where no loss was asked for."""
+        """The value of the decisions so far to the rival at each step, at least 0; None where no loss was given."""
         if self.loss is None or self.prior_loss is None:
             return None
         return np.maximum(self.prior_loss - self.loss, 0.0)
@@ -110,7 +108,7 @@ class PathLeakage(Summarised, Saved):
 
     @property
     def is_all_public(self) -> bool:
-        """Whether the belief is known without any decision, so that nothing is left to hide."""
+        """Whether the public observations determine the belief, so that nothing can be hidden."""
         return bool((self.prior_error**2 <= tolerances.REACHED_BELIEF).all())
 
     def summary(self) -> str:
@@ -129,10 +127,10 @@ class PathLeakage(Summarised, Saved):
                     f"; the rival's loss {self.loss[t]:.4g} ± {SIDE * self.loss_se[t]:.2g} of {self.prior_loss[t]:.4g}"
                 )
         if self.is_all_public:
-            lines.append("nothing is left to hide: the public observations determine the belief without any decision")
+            lines.append("nothing can be hidden: the public observations determine the belief without any decision")
         if self.cells_error:
             lines.append(
-                f"public numbers are read as cells, which adds {self.cells_error:.2g} to the error without decisions"
+                f"public numbers are discretised to cells, which adds {self.cells_error:.2g} to the error without decisions"
             )
         if self.interpolation_error > tolerances.SAME_BELIEF:
             lines.append(f"on a grid, with an interpolation error of up to {self.interpolation_error:.3g}")
@@ -149,31 +147,31 @@ def path_leakage(
     loss: Loss | None = None,
     disclosure: Disclosure | str | None = None,
 ) -> PathLeakage:
-    """Return the leakage of decisions on a belief that moves: step by step, in all, and about the present belief.
+    """Return the leakage of decisions on a belief that moves over time: step by step, in all, and about the present belief.
 
     Formula: those of `PathLeakage`, as averages over sampled paths of beliefs and decisions.
 
     Args:
         world: The world whose observations the agent filters, with a `CategoricalEmission`; or a `BeliefChain` on the
-            mechanism's beliefs, such as `filtered_chain` makes of any world. What is public in it the observer follows.
-        mechanism: K(u|π), drawn afresh at every step; a `MemoryMechanism`, whose memory counts as seen where it is public; or a
-            `MechanismRule`, which makes K_t of what the observer holds. In a world exact on all `reachable_beliefs`, on
-            other beliefs with the error stated: the agent then decides as at the nearest of them.
+            mechanism's beliefs, such as `filtered_chain` makes from any world. The observer uses its public observations.
+        mechanism: K(u|π), drawn independently at every step; a `MemoryMechanism`, whose memory the observer sees where it is
+            public; or a `MechanismRule`, with K_t from the observer's law. In a world it is exact on all `reachable_beliefs`;
+            on fewer beliefs the agent decides as at the nearest of them, with the error stated.
         n_steps: T, at least 1.
         rng: The source of paths and decisions.
-        n_draws: Sampled paths, at least 10. Where the decisions leave no more different laws than that, and the observer
-            knows the memory, all of them are followed instead, and the figures are exact.
-        loss: What a rival wants the belief for, such as `RivalProblem(problem)`; None leaves its figures out.
-        disclosure: What the observer is shown of decisions, how often and how late, such as `every(3) | delayed(2)`, also as
-            text; None is all, at once. `added` at step t is then the information in what is shown at that step, beyond the
-            public observations so far.
+        n_draws: Sampled paths, at least 10. Where decisions lead to at most so many different laws, and the observer knows the
+            memory, all of them are enumerated instead, and the figures are exact.
+        loss: A rival's loss, such as `RivalProblem(problem)`; None leaves its figures out.
+        disclosure: What is disclosed of decisions, how often and how late, such as `every(3) | delayed(2)`, also as text; None
+            is all, at once. `added` at step t is then the information in the disclosure of that step, given the public
+            observations so far.
 
     Raises:
         InputError: An argument is malformed, the sensor reports real numbers, or a chain is on other beliefs; or a disclosure
             needs returns, is not a rule's own, or hides steps of a public memory.
 
-    Cost: T·n_draws steps of the filter, equal sequences once: B² multiplications each on a chain of B beliefs, or as many
-        as its entries; of a rule as many mechanisms.
+    Cost: T·n_draws steps of the filter, once for equal sequences: B² multiplications each on a chain of B beliefs, or as many
+        as its entries; for a rule as many mechanisms.
 
     Source: see `PathLeakage`.
 
@@ -253,7 +251,7 @@ def _averaged(found: PathFigures, prior_error: Array) -> PathLeakage:
 
 
 def _averages(figures: list[Array], is_sampled: bool, least: float = 0.0) -> tuple[list[Array], list[Array]]:
-    """Means (T,) of figures (D,T), none of which is below the least, and their standard errors."""
+    """Means (T,) of figures (D,T), cut off below at `least`, and their standard errors."""
     means = [np.maximum(each.mean(axis=0), least) for each in figures]
     if not is_sampled:
         return means, [np.zeros_like(each) for each in means]

@@ -1,7 +1,7 @@
 """Leakage along paths of beliefs: over every sequence of decisions where they are few, otherwise over sampled ones.
 
-Observers who have seen other decisions stand side by side, each with a law of state, belief and memory; those who have seen the
-same are one.
+Observers with different histories of decisions are processed together, each with a law of state, belief and memory; observers
+with equal histories are one.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from inscrutable.validation import Array
 from inscrutable.worlds.public import UNREAD
 
 _MOST_HELD = 2**22
-"""Numbers in the laws held at once, 32 MB: of more paths one block follows after the other."""
+"""Numbers in the laws in memory at once, 32 MB; more paths are processed in blocks."""
 _MOST_READ = 2**16
-"""Laws that are followed at most through all that may be read until a decision is seen."""
+"""Most laws in an enumeration of the public symbols until a decision is seen."""
 _BELIEF, _SQUARED, _LOST, _PRIOR, _ROWS = 1, 3, 4, 5, 7
-"""Rows of figures: after what is added the information on belief and state, square errors, losses; and of one who sees none."""
+"""Rows of figures: added bits, information on belief and on state, square error, loss, and the last two without decisions."""
 
 
 class PathFigures(NamedTuple):
@@ -39,9 +39,9 @@ class PathFigures(NamedTuple):
     belief: Array
     state: Array
     squared: Array
-    lost: Array  # what a rival loses; the square error where no other loss was asked for
-    prior: Array | None = None  # square error from what is public alone, without decisions
-    prior_lost: Array | None = None  # what that one loses
+    lost: Array  # a rival's loss; the square error where no other loss was given
+    prior: Array | None = None  # square error from public observations alone, without decisions
+    prior_lost: Array | None = None  # the loss without decisions
     interpolation_error: float = 0.0
     is_sampled: bool = True
 
@@ -51,7 +51,7 @@ class PathDraws(NamedTuple):
 
     places: np.ndarray  # (T,D), the points that the agent decides at
     beliefs: Array | None  # (T,D,X), the beliefs themselves; None where they are the points
-    public: np.ndarray | None = None  # (T,D), the symbols that everybody reads; None where nothing is public
+    public: np.ndarray | None = None  # (T,D), the public symbols; None where there are none
 
     def of(self, some: slice) -> PathDraws:
         """Return some of the paths."""
@@ -59,7 +59,7 @@ class PathDraws(NamedTuple):
 
 
 def unseen_beliefs(reader: InverseFilter, n_steps: int) -> InferredBeliefs:
-    """Return the law of an observer who sees no decision and reads nothing."""
+    """Return the law of an observer without decisions and public observations."""
     states = np.ones((n_steps, reader.moves.starts.shape[1]))
     read = np.full(n_steps, UNREAD) if reader.moves.n_public > 1 else None
     evidence = Evidence(unseen_points(n_steps), False, None, states, np.zeros(n_steps), read)
@@ -67,7 +67,7 @@ def unseen_beliefs(reader: InverseFilter, n_steps: int) -> InferredBeliefs:
 
 
 class Baseline:
-    """Figures of laws against those of an observer who sees no decision and reads what each observer reads."""
+    """Figures of laws against those of an observer with the same public observations and no decisions."""
 
     def __init__(self, reader: InverseFilter, unseen: InferredBeliefs, loss: Loss | None) -> None:
         self._reader, self._unseen, self._loss = reader, unseen, loss
@@ -77,13 +77,13 @@ class Baseline:
 
     @property
     def rows(self) -> Array:
-        """What distinguishes these laws, one row an observer."""
+        """Rows that are equal for equal laws, one per observer."""
         assert self._laws is not None
         weights: Array = self._laws.weights
         return np.asarray(weights.reshape(-1, weights.shape[2]).T)
 
     def read(self, before: np.ndarray, symbols: np.ndarray) -> None:
-        """Let a step pass for observers that each come from one before, and read a symbol."""
+        """Move a step for observers that each follow an earlier one and have a new symbol."""
         if self._laws is None:
             weights = self._reader.moves.starts[symbols].transpose(1, 2, 0)
             laws = Laws(weights, np.arange(len(symbols)), np.zeros(len(symbols), dtype=np.intp))
@@ -92,7 +92,7 @@ class Baseline:
         self._laws = laws.divided(laws.totals())
 
     def followed(self, before: np.ndarray) -> None:
-        """Let observers that each come from one before stand in its place."""
+        """Replace the observers by ones that each follow an earlier one."""
         if self._laws is not None:
             self._laws = self._laws.repeated(before)
 
@@ -134,7 +134,7 @@ class Baseline:
         return squared, self._lost(belief, squared)
 
     def _squared(self, belief: Array, centre: Array) -> Array:
-        """E‖π − mean‖² of laws (L,B), about a centre that keeps its digits."""
+        """E‖π − mean‖² of laws (L,B), computed about a centre to avoid cancellation."""
         off = ((belief @ self._points - centre) ** 2).sum(axis=1)
         return np.asarray(np.maximum(belief @ ((self._points - centre) ** 2).sum(axis=1) - off, 0.0))
 
@@ -142,7 +142,7 @@ class Baseline:
         return squared if self._loss is None else self._loss.bayes_risk(belief, self._points)
 
     def off_grid(self, beliefs: Array, means: Array) -> tuple[Array, Array]:
-        """Return square errors (D,) and losses (D,) of estimates (D,X) of beliefs (D,X) that the points only stand for."""
+        """Return square errors (D,) and losses (D,) of estimates (D,X) of beliefs (D,X) off the grid."""
         apart = ((beliefs - means) ** 2).sum(axis=1)
         if self._loss is None:
             return apart, apart
@@ -204,7 +204,7 @@ def enumerated(
         later = _read_on(reader, prior, (laws, chances), schedule.lag)
         if later is None:
             return None
-        if begun is not None:  # what is read until a decision is seen foretells it
+        if begun is not None:  # symbols until a decision is seen are information about it
             found[0, t] = max(found[0, t] - (later.bits - begun.bits), 0.0)
         found[_BELIEF:_PRIOR, t] = [later.chances @ each for each in later.prior.figures(later.laws, t)[:4]]
         found[_PRIOR:, t] = [later.chances @ each for each in later.prior.own(t)]
@@ -212,7 +212,7 @@ def enumerated(
 
 
 class _Grown(NamedTuple):
-    """Laws after every decision that may be seen next, with their chances, the actions seen, how many follow each law before,
+    """Laws after every possible next decision, with their probabilities, the actions, the number that follow each law before,
     and the bits that the decision leaks."""
 
     laws: Laws
@@ -223,7 +223,7 @@ class _Grown(NamedTuple):
 
 
 def _decided(reader: InverseFilter, known: tuple[Laws, Array], last: list[Any], told: bool, most: int) -> _Grown | None:
-    """Return what one decision leaves of laws and their chances; None where more than `most` laws are left."""
+    """Return the laws after one decision, and their probabilities; None where there are more than `most`."""
     laws, chances = known
     after_all: list[Laws] = []
     their: list[Array] = []
@@ -243,9 +243,9 @@ def _decided(reader: InverseFilter, known: tuple[Laws, Array], last: list[Any], 
 
 
 class _ReadOn(NamedTuple):
-    """Laws after every sequence of symbols read in some steps, with their chances and one who sees no decision.
+    """Laws after every sequence of public symbols in some steps, with their probabilities, and the baseline without decisions.
 
-    The bits are E log2 of the probability of these symbols given what was known before.
+    The bits are E log2 of the probability of these symbols given the history before.
     """
 
     laws: Laws
@@ -255,7 +255,7 @@ class _ReadOn(NamedTuple):
 
 
 def _read_on(reader: InverseFilter, prior: Baseline, known: tuple[Laws, Array], n_steps: int) -> _ReadOn | None:
-    """Let steps pass whose decisions are not seen yet, by everything that may be read; None where that is too much."""
+    """Move some steps without disclosed decisions, over all sequences of symbols; None where these are too many."""
     laws, chances = known
     begun, own = chances, copy(prior)
     for _ in range(n_steps):
@@ -267,7 +267,7 @@ def _read_on(reader: InverseFilter, prior: Baseline, known: tuple[Laws, Array], 
 
 
 def _read_before(reader: InverseFilter, prior: Baseline, known: tuple[Laws, Array], found: Array) -> None:
-    """Fill in the figures (7,T) of the steps before the first decision is seen, in which symbols are read."""
+    """Fill in the figures (7,T) of the steps with symbols before the first decision is seen."""
     (laws, chances), own = known, copy(prior)
     for t in range(found.shape[1]):
         laws, chances, _ = _every_reading(reader, own, laws, chances, is_first=t == 0)
@@ -275,7 +275,7 @@ def _read_before(reader: InverseFilter, prior: Baseline, known: tuple[Laws, Arra
 
 
 def _made(found: Array, is_public: bool, error: float = 0.0, *, is_sampled: bool = True) -> PathFigures:
-    """Figures (7,D,T), of which the last two count where something is public."""
+    """Figures (7,D,T), of which the last two are used where there are public observations."""
     prior, lost = (found[_PRIOR], found[_PRIOR + 1]) if is_public else (None, None)
     return PathFigures(found[0], found[1], found[2], found[3], found[4], prior, lost, error, is_sampled)
 
@@ -286,7 +286,7 @@ def _every_reading(
     """Laws after every public symbol of a step, their probabilities, and which of the laws before each comes from."""
     count = reader.moves.n_public
     before, read = (each.reshape(-1) for each in np.divmod(np.arange(len(chances) * count), count))
-    if is_first:  # the law before the first step has moved already, and read nothing
+    if is_first:  # the law of the first step needs no move, only the symbol
         told = laws.memory if reader.rule.is_public else [None]
         found = side_by_side([reader.predicted(None, m, read=np.array([z]))[0] for m in told for z in range(count)])
     else:
@@ -305,7 +305,7 @@ def _told_starts(reader: InverseFilter) -> tuple[Laws, Array]:
 
 
 def _passed(reader: InverseFilter, laws: Laws) -> Laws:
-    """The laws after a decision that was not seen; a rule has no memory, and is not asked."""
+    """The laws after a decision that was not seen; unchanged for a rule, which has no memory."""
     tables = reader.rule.at(reader.moves.start[0], seen=False)
     unseen = np.full(int(laws.observer[-1]) + 1, UNSEEN)
     return read_decisions(tables, laws, unseen).moved(laws)
@@ -358,8 +358,8 @@ class _Observers(NamedTuple):
     which: np.ndarray  # (D,)
     laws: Laws  # of L observers
     errors: Array  # (L,): the largest interpolation error so far
-    prior: Baseline  # those who see no decision, in the same order
-    logs: Any = 0.0  # (D,): log2 of the probability of what was read
+    prior: Baseline  # the baselines without decisions, in the same order
+    logs: Any = 0.0  # (D,): log2 of the probability of the symbols
     error: Any = 0.0  # (L,): the interpolation error of the last step
     before: Any = None  # (L,): observers of the step before
 
@@ -378,7 +378,7 @@ class _Sampling:
         if self._count > 1:
             self._memory[:] = rng.choice(self._count, size=count, p=initial)
         self._public = reader.rule.is_public
-        # What the memory may be, given the path's own beliefs and decisions.
+        # The law of the memory, given the path's own beliefs and decisions.
         own = np.eye(self._count)[self._memory] if self._public else np.tile(initial, (count, 1))
         self._own = sparse.csr_array(own)
         self._last: list[Any] = []  # the decision that each observer of a rule saw before
@@ -423,7 +423,7 @@ class _Sampling:
             self._measure(found, later, t)
 
     def _measure(self, found: Array, held: _Observers, t: int) -> None:
-        """Enter what is held of the belief of a step."""
+        """Enter the figures of the observers' laws at a step."""
         which, worst = held.which, held.errors
         self.worst = max(self.worst, float(worst.max()))
         belief, state, squared, lost, mean = held.prior.figures(held.laws, t)
@@ -434,7 +434,7 @@ class _Sampling:
             found[rows, :, t] = np.where(worst[which] > tolerances.SAME_BELIEF, off, found[rows, :, t])
 
     def _before(self, found: Array) -> None:
-        """Enter the steps before the first decision is seen: what was read, and the true distance from the estimate."""
+        """Enter the steps before the first decision is seen: the public symbols, and the true distance from the estimate."""
         prior, which = copy(self._prior), np.zeros(found.shape[1], dtype=np.intp)
         for t in range(found.shape[2]):
             if self._draws.public is not None:
@@ -446,7 +446,7 @@ class _Sampling:
                 found[_SQUARED:_PRIOR, :, t] = prior.off_grid(self._draws.beliefs[t], prior.means(t)[which])
 
     def _unseen(self, laws: Laws, s: int) -> Laws:
-        """Return the laws after a decision that is not shown, and let what is remembered move."""
+        """Return the laws after an undisclosed decision, with the memory updated."""
         if self._count > 1:
             tables = self._reader.rule.at(self._reader.moves.start[0])
             table, count, places = tables.mechanism.observed, self._count, self._draws.places[s]
@@ -478,9 +478,9 @@ class _Sampling:
         return which.reshape(-1), laws.divided(laws.totals()), np.concatenate([each[1] for each in first])
 
     def _read_public(self, known: _Observers, symbols: np.ndarray) -> _Observers:
-        """Return the observers a step later, after each path's public symbol is read.
+        """Return the observers a step later, given each path's public symbol.
 
-        A symbol that a grid rules out is not read.
+        A symbol of probability 0 on the grid is ignored.
         """
         seen, place = np.unique(np.column_stack([known.which, symbols]), axis=0, return_inverse=True)
         (before, read), which = seen.T, place.reshape(-1)
@@ -496,7 +496,7 @@ class _Sampling:
         return _Observers(which, found.divided(totals), errors, known.prior, logs, error, before)
 
     def _later(self, known: _Observers, read: np.ndarray) -> _Observers:
-        """Return the observers after steps (n,D) in which they read their path's symbols and see no decision."""
+        """Return the observers after steps (n,D) with their path's symbols and without decisions."""
         known = known._replace(prior=copy(known.prior), logs=np.zeros(len(known.which)))
         for symbols in read:
             known = self._read_public(known, symbols)

@@ -1,4 +1,4 @@
-"""Leakage of repeated decisions under one belief: independent draws reveal the randomisation of a mechanism."""
+"""Leakage of repeated decisions under one belief: independent draws reveal the probabilities of a lottery."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 _BLOCK = 2**21
-"""Posterior weights held at once."""
+"""Posterior weights in memory at once."""
 _MANY = 0.1
-"""Share of entries above zero from which a table is multiplied as a plain one."""
+"""Share of nonzero entries from which a table is multiplied as a dense one."""
 _LEAST_DRAWS = 10
 SIDE = 1.96
 """Standard errors to either side of a 95 % interval."""
@@ -38,17 +38,17 @@ class RepeatedLeakage(Summarised, Saved):
         mutual_information: I(π;u_1..u_n), in bits, shape (S,).
         bayes_error: √E‖π − E[π|u_1..u_n]‖², Euclidean, in units of belief, shape (S,).
         top_state_accuracy: How often the best guess of a most likely state is right, shape (S,).
-        information_se: Standard errors of the sampled figures, shape (S,); 0 where exact: at n = 1, and where nothing is mixed.
+        information_se: Standard errors of the sampled figures, shape (S,); 0 where exact: at n = 1, and without randomisation.
         error_se: The same of the Bayes error.
         accuracy_se: The same of the accuracy.
         prior_entropy: Of the belief before any decision, in bits.
         prior_error: The error before any decision.
-        limit_information: Leakage of infinitely many decisions, in bits: they reveal which lottery is played, and no more.
-        limit_error: The error that remains for ever.
+        limit_information: Leakage of infinitely many decisions, in bits: they reveal the lottery, and no more.
+        limit_error: The error after infinitely many decisions.
         n_draws: Sampled sequences.
 
-    Source: Bayes' rule for independent draws; averages of conditional means have less variance than of draws (Blackwell,
-    1947), and still less beside figures of known mean (control variates): the mean posterior is the prior.
+    Source: Bayes' rule for independent draws; averages of conditional means have less variance than averages of draws
+    (Blackwell, 1947), and control variates reduce it further: the mean posterior is the prior.
 
     Example:
         >>> from inscrutable import Mechanism, Prior
@@ -91,7 +91,7 @@ class RepeatedLeakage(Summarised, Saved):
 
 
 class _Sampled(NamedTuple):
-    """Information, squared error and accuracy of every sampled sequence, and two figures whose mean is known to be zero."""
+    """Information, squared error and accuracy of every sampled sequence, and two control variates of mean zero."""
 
     information: Array
     squared: Array
@@ -110,10 +110,10 @@ def repeated_leakage(
 ) -> RepeatedLeakage:
     """Return the leakage of repeated decisions under one belief to the aware observer.
 
-    Formula: those of `RepeatedLeakage`, as averages over sampled beliefs and decisions; the same sequences serve every n.
+    Formula: those of `RepeatedLeakage`, as averages over sampled beliefs and decisions; all n use the same sequences.
 
     Args:
-        mechanism: K(u|π), drawn afresh at every step.
+        mechanism: K(u|π), drawn independently at every step.
         prior: Weights of the mechanism's beliefs; in another order, or only some of them, is fine.
         n_steps: One number of decisions or several, each at least 1, rising.
         rng: The source of beliefs and decisions.
@@ -139,7 +139,7 @@ def repeated_leakage(
     once = leakage(mechanism, prior)
     found = np.zeros((3, len(steps)))
     errors = np.zeros((3, len(steps)))
-    # Where a mechanism does not mix, a repeated decision adds no information to the first one.
+    # Without randomisation a repeated decision adds no information to the first one.
     certain = bool((joint.conditional >= 1.0 - tolerances.PROBABILITY).all())
     sampled = _sample(joint, steps, count, source) if steps[-1] > 1 and not certain else []
     for s, n in enumerate(steps):
@@ -167,7 +167,7 @@ def repeated_leakage(
 
 
 def _averages(sampled: _Sampled) -> tuple[Array, Array]:
-    """Means of the three figures and their standard errors, with figures of known mean as control variates."""
+    """Means of the three figures and their standard errors, with control variates."""
     means, errors = adjusted_means(np.array(sampled[:3]).T, np.array(sampled[3:]).T)
     return np.maximum(means, 0.0), errors
 
@@ -188,7 +188,7 @@ def _sample(joint: Joint, steps: list[int], n_draws: int, rng: np.random.Generat
     weights, beliefs, top = joint.weights[held], joint.beliefs[held], joint.top_states[held]
     logs, possible = table.copy(), table.copy()
     logs.data, possible.data = np.log(table.data), np.ones(table.nnz)
-    # Entries of both parts by action; a logarithm of zero is no entry of the first, and missed in the second.
+    # Entries of both parts by action; a zero probability has no entry in the first, and is missing in the second.
     plain = table.nnz > _MANY * len(held) * joint.n_actions
     by_action = [np.ascontiguousarray(each.toarray().T) if plain else each.T.tocsr() for each in (logs, possible)]
     drawn = rng.choice(len(held), size=n_draws, p=weights)
@@ -243,7 +243,7 @@ def _judged(log_likelihood: Array, weights: Array, beliefs: Array, top: Array) -
 
 
 def _limits(joint: Joint) -> tuple[float, float]:
-    """Information and error when the lottery is known: beliefs that share one cannot be distinguished."""
+    """Information and error when the lottery is known: beliefs with the same lottery are indistinguishable."""
     shape = (len(joint.weights), joint.n_actions)
     table: Any = sparse.csr_array((joint.conditional, (joint.row, joint.column)), shape=shape)
     table.sort_indices()
@@ -264,7 +264,8 @@ def _limits(joint: Joint) -> tuple[float, float]:
 def adjusted_means(values: Array, controls: Array) -> tuple[Array, Array]:
     """Return the means (k,) of sampled values (n,k) and their standard errors, with controls (n,c) whose mean is zero.
 
-    Source: control variates; slopes of one half serve the other: fitted to the sample they adjust, they would bias its mean.
+    Source: control variates; the slopes fitted on one half adjust the other, because slopes fitted on the same sample would
+    bias its mean.
     """
     adjusted = np.array(values)
     for own, other in ((slice(0, None, 2), slice(1, None, 2)), (slice(1, None, 2), slice(0, None, 2))):

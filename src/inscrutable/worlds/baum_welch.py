@@ -19,18 +19,18 @@ from inscrutable.validation import Array
 from inscrutable.worlds.covariances import CovarianceRule, LedoitWolfCovariance
 
 START_PERSISTENCE = 0.9
-"""Probability of staying in a state at every starting point: regimes last."""
+"""Probability of staying in a state at every starting point: regimes are persistent."""
 
 
 @dataclass(frozen=True)
 class Standardised:
     """Observations as rows = (raw − centre) / scale, so that one floor fits every unit; or these times `mix`⁻¹.
 
-    `mix` (D,D) makes the covariance of the whole sample, shrunk, the identity: a regime that is shrunk towards a ball is
-    then shrunk towards the whole sample's covariance times a number. None leaves the rows as they are.
+    With `mix` (D,D) the shrunk covariance of the whole sample is the identity: a regime shrunk towards a multiple of the
+    identity is then shrunk towards a multiple of the sample's covariance. None leaves the rows as they are.
 
-    `log_volume` is what one observation loses in log density when it is scaled back. `floored` says that the whole sample
-    already lies below the floor in some direction, as with a constant or a duplicated column.
+    `log_volume` is the change of one observation's log density by the scaling. `floored` says that the whole sample lies below
+    the floor in some direction, as with a constant or a duplicated column.
     """
 
     rows: Array
@@ -62,7 +62,7 @@ class Standardised:
 class Parameters:
     """A world over standardised data: initial (X,), transition (X,X), means (X,D), covariances (X,D,D).
 
-    `n_free` (X,) is how many numbers each covariance in effect took from the data.
+    `n_free` (X,) is the effective number of parameters of each covariance.
     """
 
     initial: Array
@@ -79,7 +79,7 @@ class Parameters:
 
     @property
     def n_parameters(self) -> float:
-        """How many numbers the whole world in effect took from the data."""
+        """Effective number of parameters of the whole world."""
         n_states = len(self.initial)
         return float(self.means.size + self.n_free.sum() + (n_states - 1) * (n_states + 1))
 
@@ -128,7 +128,7 @@ class Climb:
         return self._rule.least_observations(self._data.rows.shape[1])
 
     def run(self, limit: int) -> None:
-        """Go on until the gain is too small or the likelihood has been evaluated `limit` times."""
+        """Continue until the gain is too small or the likelihood has been evaluated `limit` times."""
         rows = self._data.rows
         while not self.converged and len(self.trace) < limit:
             if self.trace:

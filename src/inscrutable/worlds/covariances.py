@@ -1,7 +1,7 @@
-"""How covariances are estimated within a fit: in full, shrunk towards a ball, or by a few factors.
+"""Estimators of covariances within a fit: sample, shrunk towards a multiple of the identity, or factor models.
 
 A full covariance of D columns has D (D + 1)/2 entries, so a regime needs several times D observations. With fewer, its
-small eigenvalues come out far too small: it fits its own observations and no others. Shrinkage and factors need fewer.
+small eigenvalues are far too small: it is overfitted. Shrinkage and factors need fewer.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from inscrutable.errors import InputError
 from inscrutable.validation import Array
 
 FEWEST = 5
-"""Observations that a regime needs however its covariance is estimated: fewer are single events."""
+"""Least number of observations of a regime, whatever the estimator: fewer are single events."""
 
 ENOUGH = 10.0
 """Observations per regime and column from which full covariances are the default. On returns simulated from three regimes
@@ -26,18 +26,18 @@ full covariances as with shrunk ones, with 8 and 30 columns 1.2 times, with 2 an
 
 
 class Estimate(NamedTuple):
-    """A covariance (D,D), and how many numbers were in effect read from the data for it."""
+    """A covariance (D,D) and its effective number of parameters."""
 
     covariance: Array
     n_parameters: float
 
 
 class CovarianceRule(Protocol):
-    """How a covariance is made of weighted observations."""
+    """An estimator of a covariance from weighted observations."""
 
     @property
     def name(self) -> str:
-        """How it is asked for and spoken of."""
+        """Its name in arguments and messages."""
         ...
 
     @property
@@ -47,11 +47,11 @@ class CovarianceRule(Protocol):
 
     @property
     def shrinks(self) -> bool:
-        """Whether it shrinks towards a ball, so that the unit of the data matters."""
+        """Whether it shrinks towards a multiple of the identity, so that the units of the data matter."""
         ...
 
     def least_observations(self, n_columns: int) -> int:
-        """Fewest observations of a regime below which its covariance means nothing."""
+        """Least number of observations of a regime for a usable covariance."""
         ...
 
     def estimate(self, deviations: Array, shares: Array) -> Estimate:
@@ -82,7 +82,7 @@ class LedoitWolfCovariance:
     """(1 − δ) S + δ m I with m = tr S / D and the δ of least expected square error, estimated from the same data.
 
     With weights w_t that sum to one, δ = min(1, Σ_t w_t² ‖y_t y_t' − S‖² / ‖S − m I‖²); equal weights give the published
-    formula. Columns are standardised before, so that the target is as good for every unit.
+    formula. Columns are standardised before, so that the target does not depend on units.
 
     Source: Ledoit and Wolf, Journal of Multivariate Analysis 88 (2004).
     """
@@ -130,7 +130,7 @@ class FactorCovariance:
 
     @property
     def name(self) -> str:
-        """As it is asked for: factor:k."""
+        """Its name in arguments: factor:k."""
         return f"factor:{self.n_factors}"
 
     def least_observations(self, n_columns: int) -> int:

@@ -1,4 +1,4 @@
-"""What a sensor reports in each state: the observation model p(y | x) of a hidden Markov model."""
+"""Observation models p(y | x) of hidden Markov models."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from inscrutable.worlds.observations import Labels, real_rows, symbols
 
 @runtime_checkable
 class Emission(Protocol):
-    """An observation model p(y | x) over X states; write one of your own to use another sensor.
+    """An observation model p(y | x) over X states; derive your own for another sensor.
 
-    A row of `log_likelihoods` must depend on that row's observation alone: the filter's causality rests on it.
+    A row of `log_likelihoods` must depend on that row's observation alone, or the filter is not causal.
 
     Example:
         >>> from inscrutable.worlds import CategoricalEmission
@@ -114,8 +114,7 @@ class GaussianEmission:
 
     Args:
         means: (X,D), in the observations' unit.
-        covariances: (X,D,D), in its square; symmetric positive definite. Asymmetry of rounding size is averaged out,
-            nothing else is changed.
+        covariances: (X,D,D), in the squared unit; symmetric positive definite. Asymmetry of rounding size is averaged.
         asset_names: D labels; None takes those of labelled means or covariances. Observations that come as a DataFrame are
             aligned by them.
 
@@ -248,7 +247,7 @@ def _symmetric(covariances: Array) -> Array:
 
 
 def _check_definite(covariance: Array, name: str) -> None:
-    """Judge the matrix scaled to unit variances, so that units cannot decide; report its own eigenvalues."""
+    """Test the matrix scaled to unit variances, so that units do not matter; report its own eigenvalues."""
     variances = np.diag(covariance)
     if (variances > 0).all():
         deviations = np.sqrt(variances)

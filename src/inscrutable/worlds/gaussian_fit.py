@@ -1,8 +1,8 @@
 """Fitting a Gaussian hidden Markov model to observations by Baum-Welch, with restarts that can be compared.
 
-The likelihood has many local optima and is unbounded where a regime shrinks onto one point. So: several starts of
-three kinds, each reported; a floor under every covariance; and regimes in a fixed order, calmest first, so that
-"regime 1" means the same in every run.
+The likelihood has many local optima and is unbounded where a regime shrinks onto one point. Hence several starts of
+three kinds, each reported; a floor under every covariance; and regimes in the order of their volatility, so that
+"regime 1" is the same in every run.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from inscrutable.worlds.hidden_markov import HiddenMarkovModel
 from inscrutable.worlds.observations import Labels, column_labels, real_rows
 
 TRIALS = 12
-"""Starting points of one restart. Most lead to poor optima, which ten steps show: on monthly returns of a dozen
-industries the best of twelve reaches in one restart what single starts reach in ten."""
+"""Starting points of one restart. Most lead to poor optima, which ten steps show: on monthly returns of a dozen industries one
+restart of twelve starts reaches the likelihood of ten single starts."""
 
 HEATS = ((10, 4), (25, 1))
-"""After so many steps, so many of the starting points go on; the last one is run to convergence."""
+"""Number of steps, and of the starting points kept after them; the last one is run to convergence."""
 
 MOST_PARAMETERS = 0.25
-"""Effective parameters per number of the sample from which a fit is doubted. In simulated markets of 12 to 60 assets, fits
+"""Effective parameters per number of the sample above which a fit is doubted. In simulated markets of 12 to 60 assets, fits
 above it gave beliefs farther from the true ones than the prior's mean is, and ended in the partition they started from."""
 
 _LOGGER = logging.getLogger(__name__)
@@ -43,17 +43,17 @@ MAX_ITERATIONS = 500
 
 @dataclass(frozen=True)
 class Restart:
-    """What one restart of Baum-Welch came to.
+    """The result of one restart of Baum-Welch.
 
     Args:
         log_likelihood: Natural logarithm of the likelihood reached, in the observations' unit.
         n_iterations: Number of evaluations of the likelihood.
         converged: Whether the gain per observation fell below `tolerances.EM_CHANGE` within the allowed steps.
-        collapsed: Regimes, counted from 0 in the result's order, held up by the covariance floor or by fewer
-            observations than a covariance needs.
-        note: The same in words, with the number of observations; empty if there is nothing to say.
+        collapsed: Regimes, counted from 0 in the result's order, at the covariance floor or with fewer observations than a
+            covariance needs.
+        note: The same in words, with the number of observations; empty if none collapsed.
         trace: The log-likelihood before each step; with full covariances it never decreases.
-        n_parameters: Numbers that the world in effect took from the data, shrunk covariances counted in part.
+        n_parameters: Effective number of parameters of the world; shrunk covariances count in part.
         weights: Expected number of observations of each regime, in the result's order.
     """
 
@@ -72,9 +72,9 @@ class FittedWorld(Summarised):
     """The best world of several restarts.
 
     Args:
-        world: Regimes ordered by volatility (trace of the covariance), calmest first. Its `initial` is the smoothed
-            belief about the first observation of the sample, as maximum likelihood has it; for data that begin
-            elsewhere build `HiddenMarkovModel(world.transition, world.emission)`, which starts from the stationary law.
+        world: Regimes ordered by volatility (trace of the covariance), calmest first. Its `initial` is the smoothed belief
+            about the first observation of the sample, the maximum-likelihood estimate; for other data build
+            `HiddenMarkovModel(world.transition, world.emission)`, which starts from the stationary law.
         log_likelihood: Natural logarithm of the sample's likelihood under `world`, as `filter_beliefs` gives it.
         restarts: One row for each restart, in the order they were run.
         covariance: How covariances were estimated: "sample", "ledoit-wolf" or "factor:k".
@@ -105,7 +105,7 @@ class FittedWorld(Summarised):
 
     @property
     def size(self) -> str:
-        """How much was fitted to how much, in words."""
+        """Numbers of parameters and of data, in words."""
         return (
             f"{self.best.n_parameters:,.0f} effective parameters ({self.covariance} covariances) on "
             f"{self.n_rows * self.n_columns:,} numbers, {self.n_rows} rows of {self.n_columns} columns"
@@ -113,7 +113,7 @@ class FittedWorld(Summarised):
 
     @property
     def doubt(self) -> str:
-        """Why the world is no result: it collapsed, or has too many parameters for its data; empty where neither is so."""
+        """Why the fit is not usable: it collapsed, or has too many parameters for its data; else empty."""
         found = self.best
         shrunk = "shrunk covariances (ledoit-wolf or factor:K), " if self.covariance == "sample" else ""
         advice = f"{self.size}. Use {shrunk}fewer regimes or columns, or more rows"
@@ -157,18 +157,18 @@ def fit_gaussian_hmm(
     max over (π_0, P, μ, Σ) of log p(y_0..T-1), subject to every Σ_i ≥ COVARIANCE_FLOOR · I after the columns are
     scaled to unit variance. The expectations are computed in log space; a covariance below the floor has its
     eigenvalues raised to it, which is the exact maximiser under that constraint, so the likelihood never decreases.
-    A restart is a race: `TRIALS` random starting points, of which the less likely drop out after a few steps.
+    Each restart runs `TRIALS` random starting points for a few steps and keeps the likelier ones.
     The best restart without a collapsed regime is returned, or the best of all if each has one; `FittedWorld.doubt` and a
-    warning in the log then say so. Covariances that are shrunk or made of factors maximise no likelihood; a restart then
-    ends where its likelihood no longer changes.
+    warning in the log then say so. Shrunk and factor covariances do not maximise the likelihood; a restart then ends where its
+    likelihood no longer changes.
 
     Args:
         observations: (T,D) real vectors, or (T,) for D = 1. The columns of a DataFrame become `asset_names`.
         n_states: Number of regimes X, at least 1 and at most the number of different observations.
-        rng: Randomness of the starting points; each restart has a child of its own.
+        rng: Randomness of the starting points; each restart has its own child generator.
         n_restarts: Number of restarts, at least 1. Where their likelihoods differ, as on real returns, more find better.
-        covariance: "sample" for full covariances; "ledoit-wolf" for covariances shrunk towards a ball; "factor:k" for k
-            factors and what they leave of each variance. None takes full ones from ten observations per regime and column
+        covariance: "sample" for full covariances; "ledoit-wolf" for covariances shrunk towards a multiple of the identity;
+            "factor:k" for k factors and specific variances. None takes full ones from ten observations per regime and column
             on (T ≥ 10 X D), else shrunk ones.
 
     Returns:
@@ -224,7 +224,7 @@ def _rank(restart: Restart) -> tuple[bool, float]:
 
 
 def _restart(data: Standardised, n_states: int, rule: CovarianceRule, rng: np.random.Generator) -> Climb:
-    """Run all starting points some steps, drop the worst and repeat; run the last to convergence. Collapsed ones drop out
+    """Run all starting points some steps, drop the worst and repeat; run the last to convergence. Collapsed ones are dropped
     first."""
     climbs = [Climb(data, starting_responsibilities(data.rows, n_states, kind, rng), rule) for kind in range(TRIALS)]
     for n_steps, n_kept in HEATS:
@@ -295,7 +295,7 @@ def _by_level(rows: Array, n_states: int, rng: np.random.Generator) -> Assignmen
 
 
 def _by_period(rows: Array, n_states: int, rng: np.random.Generator) -> Assignment:
-    """Cut time into periods, a few for each state, and deal the states out to them."""
+    """Cut time into periods, a few for each state, and assign states to them at random."""
     n_periods = min(len(rows), n_states * int(rng.integers(1, 5)))
     dealt = rng.permutation(np.arange(n_periods) % n_states)
     cuts = np.sort(rng.choice(np.arange(1, len(rows)), size=n_periods - 1, replace=False))

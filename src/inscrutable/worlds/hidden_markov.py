@@ -1,4 +1,4 @@
-"""The world: a hidden Markov chain of states and a sensor that reports on it."""
+"""The world: a hidden Markov chain of states and an observation model."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Trajectory:
     Args:
         states: (T,) states x_0..x_{T-1}, counted from 0, or (T,n) real vectors.
         observations: (T,) symbols or (T,D) real vectors; row t was reported in state x_t.
-        public: What everybody read at each step, (T,) or (T,Z); None where the world has nothing public.
+        public: The public observations, (T,) or (T,Z); None where the world has none.
 
     Example:
         >>> import numpy as np
@@ -40,7 +40,7 @@ class Trajectory:
     public: NDArray[Any] | None = None
 
     def __repr__(self) -> str:
-        told = "" if self.public is None else ", with what everybody read"
+        told = "" if self.public is None else ", with public observations"
         return f"path of {len(self.states)} steps through {len(np.unique(self.states))} states{told}"
 
 
@@ -55,8 +55,8 @@ class HiddenMarkovModel:
         initial: (X,) law of x_0; None for the stationary law π = π P (states that the chain leaves for good get
             zero; a periodic chain has one too).
         names: X different labels of the states, in messages, tables and pictures; "regime 1", … by default.
-        public: What everybody reads, beside the agent. An `Emission`, independent of the private one given the state: the
-            agent filters both. Or a `PublicPart` of the private one: the agent filters that alone. None: nothing.
+        public: The public observations. An `Emission`, independent of the private one given the state: the agent filters
+            both. Or a `PublicPart` of the private observation, which the agent filters alone. None: there are none.
 
     Raises:
         InputError: A row that does not sum to one (row and sum are named), shapes or names that do not fit.
@@ -139,14 +139,14 @@ class HiddenMarkovModel:
         """
         if not isinstance(self.public, PublicPart):
             raise InputError(
-                f"nothing public is part of the agent's observations: the world has public={self.public!r}"
+                f"no part of the agent's observations is public: the world has public={self.public!r}, expected a PublicPart"
             )
         return part_of(self.public, self.emission, observations)
 
     def sample(self, n_steps: int, *, rng: np.random.Generator) -> Trajectory:
         """Draw a path x_0 ~ initial, x_{t+1} ~ transition[x_t], y_t ~ p(y | x_t), in O(n_steps (log X + D²)).
 
-        What is public is drawn last, p(z | x_t), or is part of y_t.
+        Public observations are drawn last, p(z | x_t), or are part of y_t.
 
         Args:
             n_steps: Length T of the path, at least 1.

@@ -1,4 +1,4 @@
-"""The private belief of a linear Gaussian world: its mean and covariance from what was read so far, and nothing later."""
+"""The private belief of a linear Gaussian world: mean and covariance given the observations so far."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class KalmanResult:
     Args:
         means: (T,n), m_t = E[x_t | y_0..t, z_0..t]; a DataFrame where the observations have labels.
         covariances: (T,n,n), P_t. They depend on the matrices and on which observations are missing, not on their values.
-        log_likelihood: Natural logarithm of the density of all that was read.
+        log_likelihood: Natural logarithm of the density of all observations.
 
     Example:
         >>> world = LinearGaussianWorld([[0.9]], [[0.19]], [[1.0]], [[1.0]])
@@ -54,25 +54,24 @@ class KalmanResult:
 def kalman_filter(
     world: LinearGaussianWorld, observations: Any, *, public: Any = None, gaps: ArrayLike | None = None
 ) -> KalmanResult:
-    """Return the beliefs N(m_t, P_t) of an agent that reads `observations`, and `public` ones, row by row.
+    """Return the beliefs N(m_t, P_t) of an agent given `observations`, and `public` ones, row by row.
 
     Formula: P⁻ = A P A' + Q, S = C P⁻ C' + R, K = P⁻ C' S⁻¹, m = A m + K (y − C A m), P = (I − K C) P⁻ (I − K C)' + K R K',
-    with the rows of C that were read. More rows never change an earlier one.
+    with the rows of C that were observed. More rows never change an earlier belief.
 
     Args:
         world: The world; the law of x_0 holds before the first row.
         observations: (T,p), or (T,) where p is 1; NaN is missing. Labelled columns are aligned with the sensor's.
-        public: (T,q), what the world's public sensor reported; NaN is missing. None where it has none, or a `PublicPart`.
-        gaps: Which observations are publicly known to be missing, (T,) rows or (T,p) entries, True where missing. An
-            observation that is missing and not so there is refused: then P_t would be private as well. None: all that is
-            missing is known.
+        public: (T,q), the reports of the world's public sensor; NaN is missing. None where it has none, or a `PublicPart`.
+        gaps: Which observations are publicly known to be missing, (T,) rows or (T,p) entries, True where missing. Another
+            missing observation is refused, because P_t would then be private as well. None: everybody knows which are missing.
 
     Returns:
         A `KalmanResult`.
 
     Raises:
         InputError: Shapes or labels disagree, an entry is infinite, a gap is not among the known ones (its row is named).
-        ModelError: What is read has no density (S is singular; the step is named), or there is no law of x_0.
+        ModelError: The observations have no density (S is singular; the step is named), or there is no law of x_0.
 
     Cost: O(T (n³ + p³)). Source: Kalman, Journal of Basic Engineering 82 (1960).
 
@@ -102,8 +101,8 @@ def kalman_filter(
                 mean, spread, gained = _updated(mean, spread, row[there], *told)
             except np.linalg.LinAlgError:
                 raise ModelError(
-                    f"what is read at row {row_name(observations, t)} has no density: C P C' + R is singular, so that a "
-                    "column says without noise what is known already"
+                    f"the observation in row {row_name(observations, t)} has no density: C P C' + R is singular, so that a "
+                    "column is known without noise from the others: leave it out, or add noise"
                 ) from None
             total += gained
         means[t], covariances[t] = mean, spread
@@ -124,7 +123,7 @@ class SteadyFilter:
         covariance: P⁺, error of m_t, shape (n,n).
         gain: K, shape (n,p), or (n,p+q) where a public sensor stands beside the private one.
         innovation_covariance: W = K S K' = P⁻ − P⁺, the covariance of m_{t+1} − A m_t, shape (n,n).
-        public_sensor: H = C_z A, what everybody's reading predicts of m_t, shape (q,n); q is 0 where nothing is public.
+        public_sensor: H = C_z A, with E[z_{t+1} | m_t] = H m_t, shape (q,n); q is 0 where nothing is public.
         cross_covariance: N = cov(K ν, ν_z), shape (n,q), ν_z = z_{t+1} − H m_t.
         public_covariance: R = cov(ν_z), shape (q,q).
 
@@ -208,7 +207,7 @@ def _riccati(move: Array, process: Array, sensor: Array, noise: Array) -> Array:
             return after
         found, last = after, change if change else -1.0
     raise ModelError(
-        f"no filter converges in this world: after {_MOST_STEPS} steps its covariance still moves by {last:.1e}"
+        f"no filter converges in this world: after {_MOST_STEPS} steps its covariance still changes by {last:.1e}"
     )
 
 
@@ -217,7 +216,7 @@ def _predicted(before: Array, move: Array, process: Array, sensor: Array, noise:
 
 
 def _gain(before: Array, sensor: Array, noise: Array) -> Array:
-    """P⁻ C' S⁺: also where columns say without noise what others say."""
+    """P⁻ C' S⁺, also for a singular S."""
     return np.asarray(
         np.linalg.lstsq(sensor @ before @ sensor.T + noise, sensor @ before, rcond=None)[0].T, dtype=np.float64
     )
@@ -264,7 +263,7 @@ def _public_rows(world: LinearGaussianWorld, observations: Any, n_rows: int, pub
             )
         return np.zeros((n_rows, 0))
     if public is None:
-        raise InputError("the world has a public sensor: pass what it reported as `public`")
+        raise InputError("the world has a public sensor: pass its reports as `public`")
     steps = Axis("row", learns=True)
     if is_labelled(observations):
         steps.order(tuple(observations.index), "observations")

@@ -1,4 +1,4 @@
-"""A world of real numbers: a hidden linear Gaussian state, and a linear sensor that reports on it."""
+"""A linear Gaussian state-space model: a hidden state of real numbers and a linear sensor."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Law(NamedTuple):
 class LinearGaussianWorld:
     """A hidden state x_{t+1} = A x_t + w_t with observations y_t = C x_t + v_t and z_t = C_z x_t + v_z,t.
 
-    Formula: w ~ N(0,Q), v ~ N(0,R), v_z ~ N(0,R_z), independent of each other and over time. The agent reads y and z,
+    Formula: w ~ N(0,Q), v ~ N(0,R), v_z ~ N(0,R_z), independent of each other and over time. The agent observes y and z,
     everybody else z alone. Each matrix may change with time: a leading axis of T matrices, A_t from step t to t + 1.
 
     Args:
@@ -41,18 +41,18 @@ class LinearGaussianWorld:
         process: Q, shape (n,n) or (T,n,n), the state's unit squared; may be singular.
         sensor: C, shape (p,n) or (T,p,n).
         noise: R, shape (p,p) or (T,p,p), the observation's unit squared; may be singular.
-        initial: The law of x_0 before anything is read, a pair of its mean (n,) and covariance (n,n); None for the stationary
+        initial: The law of x_0 before any observation, a pair of its mean (n,) and covariance (n,n); None for the stationary
             law, which has mean zero.
-        public: What everybody reads: a pair (C_z, R_z) of shapes (q,n) and (q,q), a sensor beside the private one; or a
-            `PublicPart` M of it, z_t = M y_t. None: nothing.
+        public: The public observations: a pair (C_z, R_z) of shapes (q,n) and (q,q), a sensor beside the private one; or a
+            `PublicPart` M of the private observation, z_t = M y_t. None: there are none.
 
-    Labelled tables are aligned with each other: states by the labels of `transition`, columns that are read by those of
+    Labelled tables are aligned with each other: states by the labels of `transition`, columns of observations by those of
     `sensor`.
 
     Raises:
         InputError: Shapes or labels disagree, an entry is not finite, a covariance is not symmetric.
-        ModelError: A covariance is indefinite (its smallest eigenvalue is named), or a stationary law is asked of a world
-            that has none.
+        ModelError: A covariance is indefinite (its smallest eigenvalue is named), or the stationary law is needed and does
+            not exist.
 
     Cost: O(n³) for the stationary law, at first use. Source: Kalman, Journal of Basic Engineering 82 (1960).
 
@@ -119,7 +119,7 @@ class LinearGaussianWorld:
 
     @property
     def n_steps(self) -> int | None:
-        """Number of steps T that the matrices say, None where none of them changes with time."""
+        """Number of steps T of the matrices, None where none of them changes with time."""
         varying = [m for m in (self.transition, self.process, self.sensor, self.noise) if m.ndim == 3]
         return len(varying[0]) if varying else None
 
@@ -145,14 +145,12 @@ class LinearGaussianWorld:
         return _symmetric(np.asarray(solve_discrete_lyapunov(self.transition, self.process)))
 
     def check_constant(self, what: str) -> None:
-        """Raise `ModelError` where matrices change with time, so that there is no such thing as `what`."""
+        """Raise `ModelError` where matrices change with time, so that `what` does not exist."""
         if self.n_steps is not None:
-            raise ModelError(
-                f"a world whose matrices change with time ({self.n_steps} steps) has no such thing as {what}"
-            )
+            raise ModelError(f"a world whose matrices change with time ({self.n_steps} steps) does not have {what}")
 
     def sample(self, n: int, *, rng: np.random.Generator) -> Trajectory:
-        """Draw a path x_0..x_{n−1} with what is read of it, (n, states), (n,p) and (n,q), in O(n (states² + p²)).
+        """Draw a path x_0..x_{n−1} with its observations, (n, states), (n,p) and (n,q), in O(n (states² + p²)).
 
         Raises:
             InputError: `n` is not a whole number from 1 to the number of steps that the matrices say.
@@ -179,7 +177,7 @@ class LinearGaussianWorld:
         return np.asarray(clean + draws(noise, len(states), rng=rng))
 
     def agents_sensor(self, t: int) -> tuple[Array, Array]:
-        """Return the matrix and the noise of all that the agent reads at a step: y, and z below it where it is a sensor."""
+        """Return the matrix and the noise of all that the agent observes at a step: y, and z below it where it is a sensor."""
         sensor, noise = at(self.sensor, t), at(self.noise, t)
         if self.public is None or isinstance(self.public, PublicPart):
             return sensor, noise

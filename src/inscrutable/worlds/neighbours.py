@@ -23,9 +23,9 @@ def from_hmmlearn(model: Any) -> HiddenMarkovModel:
         model: The fitted model; any kind of covariance.
 
     Raises:
-        InputError: It was not fitted, or has another observation law, such as a mixture.
+        InputError: It was not fitted, or has another observation model, such as a mixture.
 
-    Source: hmmlearn, module `hmm`.
+    Cost: none. Source: hmmlearn, module `hmm`.
 
     Example:
         >>> from types import SimpleNamespace
@@ -38,7 +38,9 @@ def from_hmmlearn(model: Any) -> HiddenMarkovModel:
     """
     parts = _fitted(model, ("transmat_", "startprob_"), "a fitted GaussianHMM or CategoricalHMM of hmmlearn")
     if hasattr(model, "weights_"):
-        raise InputError(f"{type(model).__name__} has mixtures as its observation law, which are not known here")
+        raise InputError(
+            f"{type(model).__name__} has mixtures as its observation model, expected Gaussian or categorical ones"
+        )
     if hasattr(model, "emissionprob_"):
         return HiddenMarkovModel(parts[0], CategoricalEmission(model.emissionprob_), parts[1])
     means, covariances = _fitted(model, ("means_", "covars_"), "a fitted GaussianHMM of hmmlearn")
@@ -46,18 +48,18 @@ def from_hmmlearn(model: Any) -> HiddenMarkovModel:
 
 
 def from_statsmodels(results: Any) -> HiddenMarkovModel:
-    """Return the world of a Markov regression of statsmodels on nothing but an intercept.
+    """Return the world of a Markov regression of statsmodels on an intercept alone.
 
-    Formula: its regime_transition has columns that sum to one, P here is the transpose; means const[i], variances sigma2[i],
-    or sigma2 for all; the start is the long-run law, as there by default.
+    Formula: P is the transpose of its regime_transition, whose columns sum to one; means const[i], variances sigma2[i], or
+    sigma2 for all; the initial law is the stationary one, as there by default.
 
     Args:
-        results: What `MarkovRegression(...).fit()` gives.
+        results: The result of `MarkovRegression(...).fit()`.
 
     Raises:
         InputError: It is no such result, has regressors, autoregression, or a transition that varies in time.
 
-    Source: statsmodels, `tsa.regime_switching`; Hamilton (Econometrica 57, 1989).
+    Cost: none. Source: statsmodels, `tsa.regime_switching`; Hamilton (Econometrica 57, 1989).
 
     Example:
         >>> from_statsmodels("fit")
@@ -70,7 +72,7 @@ def from_statsmodels(results: Any) -> HiddenMarkovModel:
     table = validation.finite_array(transition, "regime_transition", ndim=(2, 3))
     table = table[:, :, None] if table.ndim == 2 else table
     if table.shape[2] > 1:
-        raise InputError("the transition varies in time, which a hidden Markov model here does not")
+        raise InputError("the transition varies in time, expected a constant one")
     names = [str(name) for name in _attribute(model, "param_names", what)]
     values = dict(zip(names, np.asarray(given, dtype=np.float64).tolist(), strict=True))
     n_states = len(table)
@@ -94,9 +96,9 @@ def from_dynamax(params: Any) -> HiddenMarkovModel:
         params: As `hmm.initialize` and `hmm.fit_em` return it.
 
     Raises:
-        InputError: It is no such set, or its observation law is another.
+        InputError: It is no such set, or has another observation model.
 
-    Source: dynamax, module `hidden_markov_model`.
+    Cost: none. Source: dynamax, module `hidden_markov_model`.
 
     Example:
         >>> from types import SimpleNamespace as Set

@@ -1,4 +1,4 @@
-"""Checks of what a sensor reports: real vectors, with or without column labels, and symbols."""
+"""Checks of observations: real vectors, with or without column labels, and symbols."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def real_rows(observations: Any, assets: Axis | None = None) -> Array:
 
 
 def in_rows(observations: Any, rows: Axis, name: str = "observations") -> Any:
-    """Return observations, or what else `name` says, with their labelled rows in the order of `rows`."""
+    """Return observations, called `name` in messages, with their labelled rows in the order of `rows`."""
     order = rows.order(tuple(observations.index), name) if is_labelled(observations) else None
     return observations if order is None else observations.iloc[order]
 
@@ -75,7 +75,7 @@ def in_rows(observations: Any, rows: Axis, name: str = "observations") -> Any:
 def symbols(
     observations: Any, n_symbols: int, name: str = "observations", rows: Axis | None = None
 ) -> NDArray[np.int64]:
-    """Return observations, or what else `name` says, as whole numbers (T,) in 0..n_symbols-1."""
+    """Return observations, called `name` in messages, as whole numbers (T,) in 0..n_symbols-1."""
     values = validation.real_array(observations, name, (rows, None)[: np.ndim(observations)])
     if values.ndim == 2 and values.shape[1] == 1:
         values = values[:, 0]

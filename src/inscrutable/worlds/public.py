@@ -1,4 +1,4 @@
-"""What everybody reads of a world: a sensor of its own, or a part of what the agent observes."""
+"""Public observations of a world: a sensor of their own, or a part of the agent's observation."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from inscrutable.worlds.emissions import CategoricalEmission, Emission, Gaussian
 from inscrutable.worlds.observations import Labels, in_rows, is_labelled, real_rows, row_name, symbols
 
 UNREAD = -1
-"""Stands for a public symbol that was not read."""
+"""Stands for a missing public symbol."""
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class PublicPart:
-    """A public part z = C y of the agent's observation; the agent filters y.
+    """A public part z = C y of the agent's observation y.
 
-    Of a `GaussianEmission` z is a vector of linear combinations, such as the mean of returns. Of a `CategoricalEmission`
-    symbols are merged: C[z,y] = 1 where symbol y is read as z.
+    For a `GaussianEmission` z is a vector of linear combinations, such as the mean of returns. For a `CategoricalEmission`
+    symbols are merged: C[z,y] = 1 where symbol y is public as z.
 
     Args:
-        matrix: C, shape (Z,D) with rows that do not depend on each other; or (Z,Y) of zeros and ones with a single one in
+        matrix: C, shape (Z,D) with independent rows; or (Z,Y) of zeros and ones with a single one in
             each column. Labelled columns are aligned with the sensor's asset names, row labels name the columns of z.
 
     Raises:
         InputError: The matrix is empty or holds a number that is not finite.
 
-    Source: Kerckhoffs' principle for the observer's data: what is public is known to it.
+    Source: Kerckhoffs' principle for the observer's data: it knows all public observations.
 
     Example:
         >>> from inscrutable import GaussianEmission, HiddenMarkovModel
@@ -67,7 +67,7 @@ class PublicPart:
 
 
 class JointSymbols(NamedTuple):
-    """All that can be reported at a step where both sensors report symbols: S pairs, or as many private symbols."""
+    """The S possible reports at a step where both sensors report symbols: pairs, or private symbols for a `PublicPart`."""
 
     probabilities: Array  # (X, S)
     public: NDArray[np.int64]  # (S,): which public symbol belongs to each
@@ -75,20 +75,20 @@ class JointSymbols(NamedTuple):
 
 
 def checked_public(public: Any, sensor: Emission) -> tuple[Emission | PublicPart | None, Emission | None]:
-    """Return what is public with its columns in the sensor's order, and the law of it; raise `InputError` otherwise."""
+    """Return the public sensor or part with columns in the sensor's order, and its law; raise `InputError` for others."""
     if isinstance(public, PublicPart):
         return _part_for(public, sensor)
     if public is None:
         return None, None
     if not isinstance(public, Emission):
-        raise InputError(f"public must be an Emission that everybody reads, a PublicPart, or None, got {public!r}")
+        raise InputError(f"public must be an Emission, a PublicPart, or None, got {public!r}")
     if public.n_states != sensor.n_states:
         raise InputError(f"the public sensor has {public.n_states} states, the private one {sensor.n_states}")
     return public, public
 
 
 def public_from_dict(data: Any) -> Emission | PublicPart | None:
-    """Rebuild what is public from its `to_dict`."""
+    """Rebuild a public sensor or part from its `to_dict`."""
     if not isinstance(data, dict) or data.get("type") != "part":
         return None if data is None else emission_from_dict(data)
     try:
@@ -111,7 +111,7 @@ def part_of(part: PublicPart, sensor: Emission, observations: Any) -> NDArray[An
 def conditional_draws(
     part: PublicPart, sensor: Emission, states: NDArray[np.int64], values: Array, *, rng: np.random.Generator
 ) -> Array:
-    """Draw y given its public part z (Z,) and each of the states (N,): an unconditional draw, moved to C y = z.
+    """Draw y given its public part z (Z,) and each of the states (N,): an unconditional draw, corrected to C y = z.
 
     y + Σ C'(C Σ C')⁻¹(z − C y) has the conditional law (Matheron's rule).
     """
@@ -144,9 +144,9 @@ def joint_symbols(sensor: Emission, public: Emission | PublicPart | None) -> Joi
 def public_log_likelihoods(
     sensor: Emission, public: Emission | PublicPart | None, observations: Any, given: Any
 ) -> Array | None:
-    """Return what public observations add to the agent's log-likelihoods (T,X); None where that is nothing.
+    """Return the log-likelihoods (T,X) of public observations, to be added to the agent's; None where there are none.
 
-    Raises `InputError` where they are missing, not asked for, of another length, or no part of the agent's own.
+    Raises `InputError` where they are missing, not expected, of another length, or not the public part of the agent's.
     """
     if public is None:
         if given is not None:
@@ -155,7 +155,7 @@ def public_log_likelihoods(
     if given is None:
         if isinstance(public, PublicPart):
             return None
-        raise InputError("the world has a public sensor: pass what it reported as `public`")
+        raise InputError("the world has a public sensor: pass its reports as `public`")
     steps = Axis("row", learns=True)
     if is_labelled(observations):
         steps.order(tuple(observations.index), "observations")
@@ -183,7 +183,7 @@ def _part_for(part: PublicPart, sensor: Emission) -> tuple[PublicPart, Emission]
     rank = int(np.linalg.matrix_rank(part.matrix))
     if rank < len(part.matrix):
         raise InputError(
-            f"the public part's matrix has {len(part.matrix)} rows but rank {rank}: a row says what others say already"
+            f"the public part's matrix has {len(part.matrix)} rows but rank {rank}: leave out rows that depend on others"
         )
     covariances = part.matrix @ sensor.covariances @ part.matrix.T
     return part, GaussianEmission(sensor.means @ part.matrix.T, covariances, asset_names=part.names)
@@ -207,8 +207,8 @@ def _check_merging(part: PublicPart, sensor: CategoricalEmission) -> None:
     wrong = np.flatnonzero(((part.matrix != 0).sum(axis=0) != 1) | (part.matrix.sum(axis=0) != 1.0))
     if wrong.size:
         raise InputError(
-            f"column {wrong[0]} of the public part's matrix is {part.matrix[:, wrong[0]].tolist()}: a symbol is read as one "
-            "other symbol, so a single 1 and zeros were expected"
+            f"column {wrong[0]} of the public part's matrix is {part.matrix[:, wrong[0]].tolist()}: expected a single 1 and "
+            "zeros, because each symbol is public as one other symbol"
         )
 
 

@@ -260,7 +260,7 @@ def test_what_cannot_be_lifted_is_named():
         )
     u = cp.Variable(size)
     costs = [cp.sum_squares(u)]
-    with pytest.raises(InputError, match="more than rows and sums of magnitudes"):
+    with pytest.raises(InputError, match="does not reduce to rows and sums of magnitudes"):
         ConvexProblem(u, costs, [cp.sum_largest(u, 3) <= 0.5])
     with pytest.raises(InputError, match="magnitudes of combinations"):
         ConvexProblem(u, costs, [cp.norm1(np.tri(size) @ u) <= 2.0])

@@ -284,7 +284,7 @@ VERBS = {
     "a budget in words": ("protect --model M --belief 0.5,0.5 --budget lots", 2, "expected a share of |c*|"),
     "a budget below nothing": ("protect --model M --belief 0.5,0.5 --budget -0.1", 3, "must be at least 0"),
     "silence in basis points": ("protect --model M --belief 0.5,0.5 --budget silence:5bp", 2, "expected a share"),
-    "a map without normalise": ("protect --model M --weights W --map W", 2, "give --normalise"),
+    "a map without normalise": ("protect --model M --weights W --map W", 2, "--map needs --normalise"),
     "less gross than net": ("protect --model M --belief 0.5,0.5 --long-short 0.5", 4, "below the net"),
     "no model": ("protect --model no.toml --belief 0.5,0.5", 3, "cannot be read"),
     "a belief of three": ("protect --model M --belief 0.2,0.3,0.5", 3, "expected one per state: 2"),
@@ -302,7 +302,7 @@ VERBS = {
     "budgets in two units": ("compare --budgets 5%,5bp", 2, "expected one unit"),
     "budgets in words": ("compare --budgets lots", 2, "expected shares of |c*|"),
     "two units of budgets in one": ("compare --budgets silence:5bp", 2, "expected shares"),
-    "regimes twice": ("backtest --model M --regimes 3", 2, "the model has its own"),
+    "regimes twice": ("backtest --model M --regimes 3", 2, "the model gives its own"),
     "a backtest with turnover": ("backtest --turnover 0.2", 3, "leave both out (--no-sequential"),
     "other assets than the returns'": ("backtest --model M", 3, "asset labels"),
     "a riskless rate of several columns": ("backtest --riskless R", 2, "expected one"),
@@ -386,7 +386,7 @@ def test_budgets_as_they_are_written():
     assert Budget.parse("silence:50%", silence=0.004) == Budget.regret(0.002)
     assert "10%" in Budget.parse("10").remark
     assert "basis points" in Budget.parse("regret:5").remark
-    assert "pays for nothing" in Budget.parse("0").remark
+    assert "budget of 0 allows only" in Budget.parse("0").remark
     assert not Budget.parse("5bp").remark
     first = CounterAdversarialDecisionMaker(PROBLEM, "10%", MaximalObfuscation())
     assert first.budget == CounterAdversarialDecisionMaker(PROBLEM, 0.1).budget == Budget.relative(0.1)

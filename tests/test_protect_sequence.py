@@ -110,12 +110,12 @@ def test_what_was_recorded_last_is_shown_again(small, tmp_path: Path) -> None:
 def test_the_summary_names_the_ceiling_and_a_belief_off_the_grid(small) -> None:
     model, _, state, begun = small
     assert begun.is_off_grid
-    assert f"none of the grid's {begun.n_beliefs}" in begun.summary()
+    assert f"not one of the grid's {begun.n_beliefs}" in begun.summary()
     assert f"of at most {begun.ceiling:.3f}, on a grid of {begun.n_beliefs} beliefs" in begun.summary()
     assert begun.long_run_error <= 1.02 * begun.ceiling <= 1.02 * begun.prior_error
     on_grid = protect_step(model, protect_sequence.chain_of(model).prior.beliefs[0], state)
     assert not on_grid.is_off_grid
-    assert "none of the grid" not in on_grid.summary()
+    assert "not one of the grid" not in on_grid.summary()
 
 
 def test_weights_that_the_rule_plays_under_no_belief_of_the_grid_count_as_the_nearest(

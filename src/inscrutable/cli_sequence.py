@@ -32,15 +32,15 @@ def protect_next(
     from inscrutable.experiments.protect_sequence import protect_step
     from inscrutable.experiments.silence import budget_in
 
-    if not state.exists():
-        speech.log(
-            f"No sequence in {state} yet: the prices at which the long-run regret is the budget are computed, once."
-        )
     investor = investor_of(model, limits)
     if investor.turnover is not None:
         raise InputError(
             "--state has no limit on turnover, because its lottery does not depend on the weights published last: leave "
             "turnover out, or protect each month alone, with --previous and without --state"
+        )
+    if not state.exists():
+        speech.log(
+            f"No sequence in {state} yet: the prices at which the long-run regret is the budget are computed, once."
         )
     limit = None if asked is None else budget_in(investor.world, investor.problem, asked)
     rng = None if seed is None else np.random.default_rng(seed)

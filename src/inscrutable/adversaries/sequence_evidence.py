@@ -113,7 +113,7 @@ def state_evidence(
         _check_length(len(reported), n_steps, "observations")
         logs = logs + reported
     elif sensor is not None:
-        raise InputError("the adversary has a sensor of its own: pass what it reported as `observations`")
+        raise InputError("the adversary has a sensor of its own: pass its reports as `observations`")
     offsets = logs.max(axis=1)
     impossible = np.flatnonzero(np.isneginf(offsets))
     if impossible.size:

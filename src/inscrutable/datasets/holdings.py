@@ -109,8 +109,8 @@ class _Names:
                 near = get_close_matches(label.casefold(), self._folded, n=1, cutoff=_NEAR)
                 hint = f"; did you mean {self._folded[near[0]][0]!r}?" if near else "."
                 raise InputError(
-                    f"{where}: {shown(label)} is none of the model's assets{hint} Say so in a map, or leave it out there "
-                    "with a blank"
+                    f"{where}: {shown(label)} is none of the model's assets{hint} Give its asset in a map (columns name and "
+                    "asset), or a blank there to leave it out"
                 )
             asset = same[0]
         if not asset:
@@ -212,7 +212,8 @@ def _cell(table: TextTable, row: int, column: int) -> _Cell:
     found = _AMOUNT.fullmatch(plain)
     if found is None:
         raise InputError(
-            f"{table.place(row, column)}: found {shown(text)}, expected an amount such as 1,234.50, $1000 or 12.5%"
+            f"{table.place(row, column)}: found {shown(text)}, expected an amount such as 1,234.50, $1000 or 12.5%, "
+            "without other signs of currency"
         )
     number = found["number"].replace(",", "")
     digits = len(number.partition(".")[2])

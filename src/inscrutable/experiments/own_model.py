@@ -255,8 +255,8 @@ class OwnModel:
         assets, regimes = tuple(map(str, emission.asset_names)), tuple(map(str, self.world.names))
         told = self if limits is None else self.with_limits(limits)
         means = pd.DataFrame(emission.means, index=list(regimes), columns=list(assets))
+        region = told.region(assets)
         with self.source.saying(("constraints",)):
-            region = told.region(assets)
             problem = MarkowitzProblem(means, emission.covariances, self.file.investor.risk_aversion or 5.0, region)
         turnover = told.file.constraints.turnover
         with self.source.saying(("investor", "budget")):

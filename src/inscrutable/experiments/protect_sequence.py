@@ -38,7 +38,7 @@ class ProtectedStep:
         expected: Regret and leakage of this step on average.
         published: The weights that were drawn and recorded, shape (U,), or None.
         latest: The weights recorded last, by this step or an earlier one, shape (U,), or None.
-        is_off_grid: Whether the belief is none of the grid's, so that the observer's law misses it.
+        is_off_grid: Whether the belief is not on the grid, and so not in the observer's law.
         is_approximate: Whether the observer's law takes `published` for the nearest weights that the rule could have played.
         n_published: Decisions recorded, this one included.
         spent: Regret of all recorded decisions, by the observer's law, in the cost's unit.
@@ -133,12 +133,12 @@ class ProtectedStep:
         ]
         if self.is_off_grid:
             lines.append(
-                f"Your belief is none of the grid's {self.n_beliefs}: the observer's law does not have it, and the calibration "
-                "does not cover its regret."
+                f"Your belief is not one of the grid's {self.n_beliefs}: the observer's law does not contain it, and the "
+                "calibration does not count its regret."
             )
         if self.is_approximate:
             lines.append(
-                "The rule plays these weights under no belief of the grid: the observer's law takes the nearest."
+                "No belief of the grid leads to these weights: the observer's law takes the nearest weights of the rule."
             )
         if self.after is not None:
             lines.append(f"With the weights published now it holds {self._named(self.after)}.")

@@ -254,7 +254,13 @@ def atoms_of(decision_maker: Any, beliefs: Array) -> tuple[Array, np.ndarray, np
         order = np.argsort(first)
         return points[used[order]], row, np.argsort(order)[number.reshape(-1)], shares[row, atom]
     problem, decided = decision_maker.problem, decision_maker.decide_many(beliefs)
-    if hasattr(decided, "probabilities"):
+    draws = hasattr(decided, "probabilities")
+    if not hasattr(decided, "actions" if draws else "action"):
+        raise InputError(
+            f"{type(decision_maker).__name__}.decide_many returned {type(decided).__name__}; expected `action` (T,U), or "
+            "`actions` (T,k,U) and `probabilities` (T,k) where it draws"
+        )
+    if draws:
         points, shares = problem.as_points(decided.actions), np.asarray(decided.probabilities, dtype=np.float64)
     else:
         points = problem.as_points(decided.action)[:, None, :]

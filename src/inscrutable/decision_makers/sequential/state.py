@@ -43,7 +43,7 @@ class SequenceProblem(Saved):
             "decisions": "other decisions",
             "state_costs": "other costs",
             "cap": "another cap on the regret",
-            "limit": "another budget",
+            "limit": f"another budget, a mean regret of {other.limit:.4g} a step instead of {self.limit:.4g}",
             "rival": "another loss of the observer",
         }
         if self.disclosure != other.disclosure:

@@ -231,8 +231,8 @@ def notes_of(result: Backtest) -> list[str]:
         *_public_notes(result),
         "Turnover counts from the last published weights after they drifted with returns; the first purchase is left out.",
         f"Intervals: studentised circular block bootstrap, {REPLICATES} samples (Ledoit and Wolf 2008).",
-        f"Silence regret: {result.silence_regret * _BASIS_POINTS:.2f} bp per {word}, the mean regret of the one constant "
-        "portfolio that suits these beliefs best, known only in hindsight (the value of information, in costs).",
+        f"Silence regret: {result.silence_regret * _BASIS_POINTS:.2f} bp per {word}, the mean regret of the best "
+        "constant portfolio for these beliefs, known only in hindsight (the value of information, in costs).",
     ]
 
 
@@ -261,20 +261,20 @@ def _aware_notes(result: Backtest) -> list[str]:
         word = result.market.frequency.word
         return [
             f"Turnover is at most {result.settings.turnover:.3g} a {word}, against the weights published last, which the naive "
-            "observer knows. What a rule plays depends on them, so no aware observer is modelled: the naive one's errors say "
-            "nothing of the aware observer."
+            "observer knows. Every rule depends on them, so no aware observer is modelled; the naive observer's errors tell "
+            "nothing about it."
         ]
     if result.aware is None:
         return ["The target changes from step to step, so no aware observer is modelled."]
     prior, word = result.aware.prior, result.market.frequency.word
     return [
-        "Aware observer: knows each decision maker, budget included, and how often the fitted regimes lead to "
-        f"which belief (a grid of {len(prior)} beliefs, {prior.entropy:.2f} bits); "
-        "it reads the nearest decision that is played on that grid, each alone, and guesses the posterior mean. Over time "
-        f"it remembers every decision and knows how the belief moves in the fitted regimes, but for one "
-        f"{word} in a hundred, when it may go anywhere.",
-        "Worth: the gain of a rival, an observer with the investor's own problem, over the portfolio that suits the long-run "
-        "mean of the belief, by the investor's beliefs. The rival knows the beliefs, or reads them, or copies the published "
+        "Aware observer: knows each decision maker, budget included, and the long-run law of the belief in the fitted "
+        f"regimes (a grid of {len(prior)} beliefs, {prior.entropy:.2f} bits); "
+        "it takes each decision, alone, for the nearest one on that grid, and estimates the posterior mean. Over time it "
+        "remembers every decision and knows the Markov chain of the belief in the fitted regimes, with a probability of 1% a "
+        f"{word} of any other belief.",
+        "Worth: the gain of a rival, an observer with the investor's own problem, over the best portfolio for the long-run "
+        "mean of the belief, by the investor's beliefs. The rival knows the beliefs, or infers them, or copies the published "
         "weights. Copying cannot be prevented: its gain and the investor's regret add up to the worth of the beliefs.",
     ]
 
@@ -286,11 +286,11 @@ def _sequential_notes(result: Backtest) -> list[str]:
     word, beliefs = result.market.frequency.word, len(part.maker.beliefs)
     share = "" if result.settings.budget is not None else f", {SHARE_OF_SILENCE:.0%} of the silence regret there"
     return [
-        "SDM, the sequential rule, knows what the aware observer believes. It may spend "
+        "SDM, the sequential rule, depends on the aware observer's law of the belief. It may spend "
         f"{part.maker.limit * _BASIS_POINTS:.2f} bp per {word} on average in the long run of the fitted regimes{share}, and "
         f"spends {part.path.own_regrets.mean() * _BASIS_POINTS:.2f} here, in expectation over each draw. Its price, of "
-        f"information alone, was simulated on a grid of {beliefs} beliefs, off which lie {part.path.n_off_grid} of "
-        f"{len(result.beliefs)} beliefs here.",
+        f"information alone, was simulated on a grid of {beliefs} beliefs; {part.path.n_off_grid} of "
+        f"{len(result.beliefs)} beliefs here are off that grid.",
         "Ceiling: no rule of the same regret leaves an observer who follows it a larger error, in expectation in the long run "
         f"of the fitted regimes, on that grid and {len(part.maker.table.columns)} candidate portfolios.",
     ]

@@ -150,7 +150,7 @@ def _ceilings(result: Backtest) -> list[str]:
     without, here = result.sequential.maker.chain.prior.error, result.figures[result.names[0]]["error_without"]
     where = "nearer to" if here < without else "farther from"
     return [
-        f"Ceiling: at the regret of {_and(list(known))}, no rule whatever leaves the aware observer an error above "
+        f"Ceiling: at the regret of {_and(list(known))}, no rule leaves the aware observer an error above "
         f"{_and([f'{most:.2f}' for most in known.values()])}, in the long run of the fitted regimes. There the error without "
         f"weights is {without:.2f}; in these {result.market.frequency.word}s it is {here:.2f}, because their beliefs lie "
         f"{where} the long-run mean."

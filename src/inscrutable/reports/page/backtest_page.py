@@ -266,7 +266,9 @@ def _figures(result: Backtest, sweep: BudgetSweep) -> list[PageFigure]:
     if len(result.regimes) == _TRIANGLE:
         shown, distance = "the beliefs", "; dashed: how far they are from π. Grey dots: the other beliefs"
     unlike = (
-        "" if result.sequential is None else " The sequential rule goes by all earlier decisions and is not drawn here."
+        ""
+        if result.sequential is None
+        else " The sequential rule depends on all earlier decisions and is not drawn here."
     )
     return [
         PageFigure(

@@ -86,7 +86,7 @@ with drawing(7.0, 2.8, ncols=2, sharey=True) as (figure, axes):
 # How far from the truth
 # ----------------------
 #
-# The measures of the paper judge implied views as they judge sets of beliefs. Within a regret r, and without inequalities, the
+# The paper's measures apply to implied views as to sets of beliefs. Within a regret r, and without inequalities, the
 # farthest view lies along the riskiest direction, at √(4γ r λ), λ the largest eigenvalue of V: there an error in expected returns
 # moves weights least. Under limits the search follows rays from m until the budget is spent.
 
@@ -103,10 +103,10 @@ for shown, what in ((free, "no limits"), (problem, "long-only, capped")):
 # What the aware observer learns
 # ------------------------------
 #
-# `AlphaDecisionMaker` spends a share of the silence regret, that of deciding by what everybody knows, so that decisions tell the
-# fewest bits, or leave the largest error. Both are the best that any rule of this regret can do. The study `studies/alphas.toml`
+# `AlphaDecisionMaker` spends a share of the silence regret, that of deciding by public knowledge, so that decisions leak the
+# fewest bits, or leave the largest error. Both are optimal among all rules of this regret. The study `studies/alphas.toml`
 # does it in random markets and lets an observer follow simulated decisions; this is a part of it. The rule of the largest error
-# tells many bits: it shows some directions nearly exactly, and others not at all.
+# leaks many bits: it reveals some directions nearly exactly, and others not at all.
 
 file = {
     "kind": "alphas",

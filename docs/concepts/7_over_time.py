@@ -35,8 +35,8 @@ print(found.header())
 
 # %%
 # Each rule spends half the silence regret. Left: all decisions are made on one belief. The observer knows that it stays. The
-# rule does not, except on the dotted curve. Right: the belief moves, nine times in ten it stays where it is, and the observer
-# follows it for long. The dashed line is the error without any decision.
+# rule does not, except on the dotted curve. Right: the belief moves, with probability 0.9 it stays the same at a step, and the
+# observer has followed it for long. The dashed line is the error without any decision.
 
 looks = looks_of([*names])
 with drawing(7.4, 3.2, ncols=2, width_ratios=[3, 2]) as (figure, (left, right)):
@@ -108,8 +108,8 @@ print(f"{'no rule':16s}over time more than {told.path_ceiling:.2f}")
 # %%
 # **The ceiling.** Let V(r; w) be the largest expected loss of the observer after one decision of a belief of law w, at an
 # expected regret r. It is jointly concave in r and w. So, on average over the steps, no rule whose decisions are seen exactly
-# and at once keeps more than V(mean regret; mean law of the belief), whatever it remembers or draws. The line on the right is
-# its root, from a dual solution, so that it bounds whatever the solver did.
+# and at once keeps more than V(mean regret; mean law of the belief), with any memory and any draws. The line on the right is
+# its root, from a dual solution, so that it is a valid bound even if the solver was inexact.
 #
 # **With a memory alone.** Where the observer can reach only finitely many laws, `SequentialDecisionMaker.as_mechanism()`
 # returns the rule as a mechanism whose memory is the law: tables instead of a solver. Otherwise a status says so.

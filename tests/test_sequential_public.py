@@ -251,7 +251,7 @@ def test_real_numbers_are_read_as_cells_with_the_error_that_is_stated(kind: str)
     told = np.clip(chain.prior.beliefs @ [[0.8, 0.2], [0.2, 0.8]], 0.0, 1.0)
     noisy = Mechanism(chain.prior.beliefs, [0, 1], told, np.zeros_like(told))
     found = path_leakage(chain, noisy, 4, rng=rng, n_draws=100)
-    assert "read as cells" in found.summary()
+    assert "discretised to cells" in found.summary()
     assert found.cells_error == pytest.approx(chain.cells.symbols_error - chain.cells.numbers_error)
     errors = []
     for _ in range(40):

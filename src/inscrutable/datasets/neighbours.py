@@ -30,7 +30,7 @@ def weights_of(given: Any) -> pd.DataFrame:
         InputError: It is none of these, a weight is no finite number, labels stand twice, or cash is held, which is no asset of
             a portfolio here.
 
-    Source: the packages' documents.
+    Cost: O(cells). Source: the packages' documents.
 
     Example:
         >>> weights_of({"Food": 0.25, "Oil": 0.75})

@@ -182,8 +182,8 @@ def momentum_alphas(returns: pd.DataFrame, strength: float = 0.05) -> pd.DataFra
     Raises:
         InputError: There are no more than 24 rows, or the strength is not above 0.
 
-    Source: Jegadeesh and Titman, Journal of Finance 48 (1993); Grinold, Journal of Portfolio Management 20 (1994), for the
-        scale.
+    Cost: O(T n). Source: Jegadeesh and Titman, Journal of Finance 48 (1993); for the scale Grinold, Journal of Portfolio
+    Management 20 (1994).
 
     Example:
         >>> from inscrutable.datasets import load_industry_returns

@@ -419,7 +419,7 @@ def test_observers_that_cannot_be_are_told_of() -> None:
     assert "risk aversion learned" not in short_table(still).columns
     assert "over time" not in still.summary()
     notes = " ".join(notes_of(still))
-    assert "not known how the belief moves" in notes
+    assert "no chain of beliefs is given" in notes
     assert "the cost has none" in notes
     moved = compare(
         problem, resting_chain(prior, 0.5), settings, makers={"coin": EVERY_MAKER["coin"]}, rng=np.random.default_rng(0)

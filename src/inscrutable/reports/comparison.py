@@ -239,7 +239,7 @@ def _on_paths(comparison: Comparison) -> list[str]:
         )
     if comparison.ceilings:
         found.append(
-            "sequential: decides by the observer's law and by the chain of beliefs that it is given. After "
+            "sequential: depends on the observer's law and on the chain of beliefs that it is given. After "
             "several decisions on one belief its error is shown twice: where the rule takes the belief to move by that chain, "
             "while it happens to stay, and where the rule knows that it stays, at the same prices (rule knows it stays; its "
             "regret is then its own, told_regret in the CSV file). Long-run figures are simulated, the expected regret among "
@@ -263,7 +263,7 @@ def _watchers(comparison: Comparison) -> list[str]:
             "errors in the CSV file). Without decisions its error is that of the prior at every step."
         )
     else:
-        found.append("No observer follows the belief over time, because it is not known how the belief moves.")
+        found.append("No observer follows the belief over time, because no chain of beliefs is given.")
     if comparison.is_learned:
         found.append(
             f"cost learned: does not know the risk aversion, takes {PATH_STEPS} decisions on one path of beliefs for optimal, "

@@ -82,7 +82,7 @@ def _lead(result: Backtest) -> PagePicture | None:
         drawn = [path.read_text("utf-8") for path in pictures]
     word = result.market.frequency.word
     caption = (
-        f"Error of two observers under each way to invest, over {len(result.beliefs)} {word}s. Hidden: right of "
+        f"Error of two observers under each decision maker, over {len(result.beliefs)} {word}s. Hidden: right of "
         "the grey zone and not crossed out; a cross says that the observer names the regime too often. Dashed: the error "
         "without weights. Ceiling: no rule of the same cost leaves the aware observer a larger error in the long run; it "
         "does not bound that of the naive one, nor that of a few draws."
@@ -289,14 +289,14 @@ def _figures(result: Backtest, sweep: BudgetSweep) -> list[PageFigure]:
         PageFigure(
             "now",
             "This decision in numbers",
-            "What was played at this budget, its cost, what was read. Privacy Ψ measures how far the naive observer is off.",
+            "The decisions at this budget, their regret and the observers' estimates. Privacy Ψ is the naive observer's error.",
             True,
         ),
         PageFigure(
             "weights",
             "Published weights of this decision",
             "In % of wealth, at the backtest's own budget; of a lottery, the draw."
-            f" At most the {_MOST_ASSETS} largest holdings of anybody; the others are added up.",
+            f" At most the {_MOST_ASSETS} largest holdings of any decision maker; the others are added up.",
             True,
         ),
         PageFigure(

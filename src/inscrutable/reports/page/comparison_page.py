@@ -28,7 +28,7 @@ def comparison_content(comparison: Comparison, title: str | None, manifest: Mapp
     seen = [_decisions(n) for n in comparison.repeats] + ["all so far, on a belief that moves"] * comparison.is_moving
     budgets = [worth(comparison, budget) for budget in comparison.budgets]
     return PageContent(
-        title=title or "Ways of hiding at equal expected regret",
+        title=title or "Decision rules at equal expected regret",
         header=f"{capital(comparison.header())}.",
         verdict=comparison.summary().splitlines(),
         tables=[_table(comparison, b, text, main_columns(comparison)) for b, text in enumerate(budgets)],

@@ -169,7 +169,7 @@ def _drawn(means: StudyMeans) -> list[PageFigure]:
     return [
         PageFigure(
             "tradeoff",
-            "What is paid, and what it buys",
+            "Privacy against cost",
             f"The figure chosen above against {paid}, by decision maker; means over the repeats with 95 % intervals. The "
             "axis is stretched near zero where budgets span several powers of ten. Dashed, for errors: the error of an "
             "observer who sees no decision, where the study measures it.",

@@ -24,7 +24,7 @@ risk = FactorRisk(exposures, 0.02**2 * np.eye(k), specific)
 dollar_neutral = Polyhedron(A_eq=np.ones((1, n)), b_eq=[0.0])
 problem = AlphaProblem(risk, risk_aversion=20.0, constraints=dollar_neutral)
 
-# What everybody knows of the alphas: they are small, and lie a little along the factors.
+# The public law of the alphas: they are small, and lie a little along the factors.
 law = FactorRisk(exposures, 0.002**2 * np.eye(k), 0.03**2 * specific)
 alphas = law.root @ rng.standard_normal(k) + np.sqrt(law.specific) * rng.standard_normal(n)
 

@@ -331,7 +331,7 @@ def test_what_does_not_fit_is_refused() -> None:
         ("cuts are for one number", lambda: filtered_chain(pair, 4, rng=rng, n_steps=100, cuts=[0.0])),
         ("at least 2", lambda: filtered_chain(real, 4, rng=rng, cuts=1)),
         ("one number a step", lambda: filtered_chain(real, 4, rng=rng, n_steps=100, cuts=[0.0]).cells.symbols([[0.0, 1.0]])),
-        ("were not read", lambda: SequentialAdversary(chain, maker).filter([1, 1], public=[1, np.nan])),
+        ("has missing rows", lambda: SequentialAdversary(chain, maker).filter([1, 1], public=[1, np.nan])),
         ("rising", lambda: filtered_chain(real, 4, rng=rng, cuts=[1.0, 0.0])),
         ("in which real numbers", lambda: filtered_chain(nothing, 4, rng=rng, cuts=[0.0])),
         ("sum to the transition", lambda: BeliefChain(prior, moves, [moves, moves])),

@@ -58,7 +58,7 @@ def filter_beliefs(world: HiddenMarkovModel, observations: Any, *, public: Any =
     """Return the private beliefs of an agent after each of its `observations`.
 
     π_t(j) ∝ p(y_t | x_t = j) Σ_i π_{t-1}(i) P_ij, where x_0 has the law `world.initial` before y_0 is seen; times
-    p(z_t | x_t = j) where the world has a public sensor, which the agent reads as everybody does. In log space, so
+    p(z_t | x_t = j) where the world has a public sensor, which the agent observes too. In log space, so
     observations that favour one state by thousands of orders of magnitude, in turn, are filtered right. Causal: more
     observations never change an earlier row, not even its last digit.
 

@@ -25,8 +25,9 @@ from inscrutable.worlds.public import UNREAD
 class Evidence:
     """T steps of evidence.
 
-    `states` is what else was seen, as a likelihood with largest entry one, whose logarithm is `offsets`. `public` is what
-    everybody read, symbols (T,) or real rows (T,Z), `UNREAD` or NaN where this observer did not; None where nothing is public.
+    `states` is all other evidence, as a likelihood with largest entry one, whose logarithm is `offsets`. `public` are the
+    public observations, symbols (T,) or real rows (T,Z), `UNREAD` or NaN where this observer missed one; None where there
+    are none.
     """
 
     points: Array  # (T,U) decisions, NaN where none was seen

@@ -170,7 +170,7 @@ class SequentialAdversary:
             states: x_0..x_{T-1}, where the adversary knows them.
             observations: What its own sensor reported, T of them. Labelled rows are put in the order of the decisions'.
             memories: What the agent remembered before the first decision and after each, T+1 numbers, where that is public.
-            public: What everybody read in a world with public information, T of them: symbols or real rows, NaN where this
+            public: The T public observations in a world that has them: symbols or real rows, NaN where this
                 adversary did not read them.
             nearest: Whether a decision that the mechanism never plays counts as the nearest one that it plays;
                 otherwise it is passed over, with a status.
@@ -242,9 +242,7 @@ class SequentialAdversary:
         read = public_evidence(self.world, beside.public, len(points), steps)
         evidence = Evidence(points, nearest, told, seen, offsets, read)
         if not (self._rule.is_fixed or evidence.is_all_read):
-            raise InputError(
-                "public has rows that were not read, but the rule goes by all that everybody reads: pass them"
-            )
+            raise InputError("public has missing rows, but the rule depends on all public observations: pass them")
         alone = evidence.without_states(has_public=self.agent_world.public is not None)
         if self._rule.is_fixed or (self._agents_own is self._reader and (alone.states == seen).all()):
             return self._read(self._reader, evidence, tables, smooth=smooth)[0]

@@ -314,7 +314,7 @@ class AlphaDecisionMaker:
 
         Args:
             means: m_t, shape (T,k).
-            public: (T,q), what everybody read with each of them where the world has a public sensor; the first row is not used,
+            public: (T,q), the public observation of each row where the world has a public sensor; the first row is not used,
                 it is in the law of the start.
             rng: The source of the draws.
 

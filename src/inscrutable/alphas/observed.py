@@ -1,4 +1,4 @@
-"""How the belief moves for the observer: m_{t+1} = A m_t + K ν_t, and what everybody reads of it."""
+"""The dynamics of the belief for the observer: m_{t+1} = A m_t + K ν_t, and its public observations."""
 
 from __future__ import annotations
 

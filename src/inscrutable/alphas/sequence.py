@@ -109,9 +109,9 @@ class AlphaSequence(KeptInFile):
     """Decisions about a private mean, one after the other; `AlphaDecisionMaker.begin` makes it.
 
     At every step `decide` draws a decision, any number of times; `publish` records the one that was seen. Time passes with
-    `observe`, which takes what everybody read where the world has a public sensor, or with the next `decide`. The sensor that
-    the decisions are stays the same: from the law of the start, the covariance of silence where there is one and the rule's own
-    otherwise, the observer's covariance converges to the rule's.
+    `observe`, which takes the public observation where the world has a public sensor, or with the next `decide`. The law of a
+    decision given the mean is the same at every step. The observer's covariance starts at that of silence, where there is one,
+    else at the rule's own, and converges to the latter.
 
     Example:
         >>> from inscrutable.alphas.decision_maker import AlphaDecisionMaker
@@ -179,7 +179,7 @@ class AlphaSequence(KeptInFile):
         """Return a drawn decision of this step for a private mean (k,); nothing is recorded.
 
         Raises:
-            InputError: The mean is malformed, or what everybody read comes first.
+            InputError: The mean is malformed, or a public observation is missing.
         """
         held = self._problem.check_mean(mean)
         if held.ndim != 1:
@@ -200,7 +200,7 @@ class AlphaSequence(KeptInFile):
         return AlphaDraw(action, estimate, regret, self._maker.status)
 
     def publish(self, decision: AlphaDraw) -> None:
-        """Record the decision of this step, drawn by `decide`, which everybody now knows.
+        """Record the decision of this step, drawn by `decide`, which is then public.
 
         Raises:
             InputError: It is no decision on this problem.
@@ -216,16 +216,16 @@ class AlphaSequence(KeptInFile):
         self._published = True
 
     def observe(self, public: ArrayLike | None = None) -> None:
-        """Let one step pass, at whose end everybody read `public`, (q,): None where the world has no public sensor.
+        """End the step with the public observation `public`, (q,): None where the world has no public sensor.
 
         Without a decision before it the step passes untold.
 
         Raises:
-            InputError: What everybody read is missing, not asked for or of another length.
+            InputError: The public observation is missing, not expected or of another length.
         """
         count = len(self._public_rows)
         if (public is None) != (count == 0):
-            wants = "None: nothing is public" if count == 0 else f"what everybody read, shape ({count},)"
+            wants = "None: nothing is public" if count == 0 else f"the public observation, shape ({count},)"
             raise InputError(f"public must be {wants}, got {public!r}")
         read = np.zeros(0) if public is None else validation.finite_array(public, "public", ndim=1)
         if len(read) != count:
@@ -247,7 +247,7 @@ class AlphaSequence(KeptInFile):
         return np.asarray(self._law.covariance if self._published else self._law.before)
 
     def _next_law(self) -> Any:
-        """The law of the step after this one: what everybody will read moves the mean, not the covariances."""
+        """The law of the step after this one: its public observation moves the mean, not the covariances."""
         if self._is_fresh or (self._published and self._is_settled):
             return self._law
         assert self._sensor is not None
@@ -259,7 +259,7 @@ class AlphaSequence(KeptInFile):
     def _now(self) -> None:
         if self._published:
             if len(self._public_rows):
-                raise InputError("what everybody read comes before the next decision: call observe(public)")
+                raise InputError("the public observation comes before the next decision: call observe(public) first")
             self._pass(np.zeros(0))
 
     def follow(self, means: ArrayLike, public: ArrayLike | None, rng: np.random.Generator) -> AlphaPath:

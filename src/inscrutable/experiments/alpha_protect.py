@@ -130,14 +130,14 @@ def protect_alphas(
         alphas: Means, one row a step, labelled by the problem's signals.
         state: The file that remembers the decisions so far; it is made where there is none, and takes one row a run. None: the
             rows are a sequence of their own, and all are drawn.
-        public: What everybody read with each row, (T,q), the same row labels, where the world has a public sensor. That of the
+        public: The public observation of each row, (T,q), the same row labels, where the world has a public sensor. That of the
             first decision is not used: it is in the law of the start.
         publish: With `state`: draw once and record; otherwise nothing is drawn.
         rng: The source of the draws; None: the operating system, because the seed determines the draw.
 
     Raises:
-        InputError: Labels disagree, what everybody read is missing, there are many rows for one step, or the file is of another
-            rule or in use.
+        InputError: Labels disagree, public observations are missing, there are many rows for one step, or the file is of
+            another rule or in use.
 
     Cost: the rule's own, once, and O(k²) a row.
 
@@ -190,21 +190,23 @@ def protect_alphas(
 
 
 def _public_rows(maker: AlphaDecisionMaker, alphas: pd.DataFrame, public: pd.DataFrame | None) -> Array | None:
-    """What everybody read with each row of the alphas, (T,q); None where nothing is public."""
+    """The public observation of each row of the alphas, (T,q); None where there are none."""
     if public is None:
         if len(alphas) > 1:
             _need_public(maker)
         return None
     if maker.world is None or maker.world.public is None:
-        raise InputError("what everybody reads is given (public), but no world with a public sensor says what it tells")
+        raise InputError(
+            "public observations are given, but no world with a public sensor: give that as world, or leave public out"
+        )
     if not public.index.equals(alphas.index):
-        raise InputError("public has other rows than alphas; expected what everybody read with each of them")
+        raise InputError("public has other rows than alphas; expected one public observation for each of them")
     return validation.finite_array(public.to_numpy(), "public", ndim=2)
 
 
 def _need_public(maker: AlphaDecisionMaker) -> None:
     if maker.world is not None and maker.world.public is not None:
         raise InputError(
-            "the world has a public sensor: give what everybody read with each row (public=, or --public FILE); only the first "
-            "decision goes without"
+            "the world has a public sensor: give the public observation of each row (public=, or --public FILE); the first "
+            "decision needs none"
         )

@@ -195,7 +195,7 @@ class LinearWorldFile(Section):
 def read_linear_world(path: PathLike) -> LinearGaussianWorld:
     """Read a world from a JSON file with the keys of `LinearGaussianWorld`'s arguments, and `states` for their names.
 
-    What everybody reads is under `public_sensor` and `public_noise`, both or none.
+    The public sensor is under `public_sensor` and `public_noise`, both or none.
 
     Raises:
         InputError: With the file and the place in it: a key is missing or unknown, a value is of another kind.

@@ -1,8 +1,8 @@
-"""What is read beside the published weights: by everybody, a market's return; by the investor alone, a signal of its own.
+"""Observations beside the published weights: a public one, such as a market's return, and a private signal of the investor.
 
-The observer who follows the public number alone has E[π_t|z_0..t] = p(x|z_0..t), an ordinary filter of the public number. One
-who sees the weights, too, follows the law of the belief on the grid of the other rivals, the number cut into as many symbols as
-quantiles: particles, which follow it uncut, are contradicted by real returns far more often.
+The observer with the public number alone has E[π_t|z_0..t] = p(x|z_0..t), an ordinary filter of the public number. One who
+also sees the weights uses the law of the belief on the grid of the other observers, with the number discretised to quantiles:
+with particles, which need no cells, real returns have probability 0 far more often.
 """
 
 from __future__ import annotations

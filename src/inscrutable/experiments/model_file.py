@@ -31,7 +31,7 @@ class GaussianPart(Section):
 
 
 class LinearPart(Section):
-    """What everybody reads of a sensor."""
+    """The public part of a sensor."""
 
     type: Literal["part"]
     matrix: Matrix

@@ -64,7 +64,7 @@ def kalman_filter(
         observations: (T,p), or (T,) where p is 1; NaN is missing. Labelled columns are aligned with the sensor's.
         public: (T,q), the reports of the world's public sensor; NaN is missing. None where it has none, or a `PublicPart`.
         gaps: Which observations are publicly known to be missing, (T,) rows or (T,p) entries, True where missing. Another
-            missing observation is refused, because P_t would then be private as well. None: everybody knows which are missing.
+            missing observation is refused, because P_t would then be private as well. None: it is public which are missing.
 
     Returns:
         A `KalmanResult`.
@@ -286,5 +286,5 @@ def _check_gaps(values: Array, gaps: Any, observations: Any) -> None:
         what = "is missing, which is not public" if missing[t, column] else "is there, but gaps say it is missing"
         raise InputError(
             f"the observation in row {row_name(observations, t)}, column {column} {what}: the covariance of the belief would "
-            "be private; everybody must know which observations are missing"
+            "be private; it must be public which observations are missing"
         )

@@ -54,7 +54,7 @@ class Knowledge:
     def after(self, law: Array, read: int | None = None) -> tuple[Array, float]:
         """Return the present estimate (X,) and its mean loss, where the decision of now leads to a law.
 
-        `read` is the symbol that everybody read before it.
+        `read` is the public symbol before it.
         """
         self._laws = deque([self._law.moved(each, read) for each in self._laws], maxlen=self._laws.maxlen)
         self._laws.append(law)

@@ -148,7 +148,7 @@ def regimes_of(world: HiddenMarkovModel) -> Regimes:
 
 
 def with_public(world: HiddenMarkovModel, public: str | int) -> tuple[HiddenMarkovModel, Array]:
-    """Return a world in which everybody reads the mean return of the assets, or that of one by its number, with its quantiles.
+    """Return a world with the public mean return of the assets, or that of one by its number, and its quantiles.
 
     Raises:
         InputError: The world has no such returns.

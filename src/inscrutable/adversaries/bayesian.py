@@ -90,7 +90,7 @@ class Posterior(Summarised, Saved):
 
     @property
     def error(self) -> float:
-        """√Σ p(π_b|u) ‖π_b − mean‖², what the estimate is off by on average (root mean square); NaN where unknown."""
+        """√Σ p(π_b|u) ‖π_b − mean‖², the root mean square error of the estimate; NaN where unknown."""
         return float(np.sqrt(self.weights @ ((self.beliefs - self.mean) ** 2).sum(axis=1)))
 
     def credible_indices(self, level: float = 0.9) -> np.ndarray:
@@ -132,10 +132,10 @@ class BayesianAdversary:
     Formula: p(π_b|u) ∝ w_b K(u|π_b).
 
     Args:
-        mechanism: K(u|π), the rule of the game, random draws aside.
+        mechanism: K(u|π), public except for the random draws.
         prior: Weights of the mechanism's beliefs; in another order, or only some of them, is fine.
-        disclosure: What it is shown of a decision, such as `rounded(2)`, also as text; None is all of it. What it then infers
-            from are values shown, `disclosure.shown(actions)`.
+        disclosure: What is disclosed of a decision, such as `rounded(2)`, also as text; None is all of it. Its arguments are
+            then disclosed values, `disclosure.shown(actions)`.
 
     Raises:
         InputError: A belief of the prior is none of the mechanism's; or the disclosure does not suit the decisions, leaves some

@@ -1,4 +1,4 @@
-"""Beliefs under which a decision is nearly optimal, and how nearly it can be: cutting planes on the value function.
+"""Beliefs under which a decision is nearly optimal, by cutting planes on the value function.
 
 V(π) = min_u π·s(u) lies below π·s(v) for every decision v, so each solved belief gives a valid plane:
 ρ(π,u) ≥ π·(s(u) − s(v)), with equality where v = u*(π).
@@ -39,7 +39,7 @@ _FIRST_REACH, _FARTHER = 0.3, 3.0
 
 @dataclass(frozen=True, eq=False)
 class NearOptimalBeliefs:
-    """The convex set Π_ε(u) = {π ∈ Δ : ρ(π,u) ≤ ε}, described from outside by cutting planes, added where they are needed.
+    """The convex set Π_ε(u) = {π ∈ Δ : ρ(π,u) ≤ ε}, with an outer polytope of cutting planes, added as needed.
 
     The queries are those of `BeliefSet`. Bounds and distances are reached by members with a regret of at most
     ε + `accuracy`. The set is smooth: up to four states its vertices, centre and samples belong to an outer polytope whose
@@ -94,12 +94,12 @@ class NearOptimalBeliefs:
 
     @property
     def residual(self) -> float:
-        """By how much the least regret exceeds ε, in the cost's unit; zero where the set is not empty."""
+        """Excess of the least regret over ε, in the cost's unit; zero where the set is not empty."""
         return max(self.plausibility_gap - self.regret, 0.0)
 
     @property
     def is_empty(self) -> bool:
-        """Whether every belief leaves more regret than ε."""
+        """Whether the regret exceeds ε under every belief."""
         return self.residual > self.accuracy
 
     @property
@@ -250,7 +250,7 @@ class NearOptimalBeliefs:
     def sample(self, n: int, *, rng: np.random.Generator) -> Array:
         """Return `n` members drawn uniformly, from the outer polytope up to four states, shape (n, X)."""
         if self.is_empty:
-            raise InputError(f"cannot sample an empty set: every belief leaves a regret above {self.regret:g}")
+            raise InputError(f"cannot sample an empty set: the regret is above {self.regret:g} under every belief")
         count, source = validation.count(n, "n"), validation.generator(rng)
         if self._outer is None:
             return self._walk(count, source)

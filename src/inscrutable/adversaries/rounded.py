@@ -1,4 +1,4 @@
-"""Decisions in full precision or rounded, read back: the beliefs that explain them, or that explain them before rounding.
+"""The beliefs that explain a decision, in full precision or before rounding.
 
 A published decision ũ is the decision u* moved by rounding, |ũ_j − u*_j| ≤ h = ½·10^−d for d decimals. It is first completed to
 the nearest feasible decision û; rows of the feasible set within reach of the rounding (a weight printed as zero) are taken as
@@ -89,7 +89,7 @@ def consistent_beliefs(
         return belief_set_of(problem, problem.check_action(action), kept)
     half = half_unit(validation.count(digits, "digits", least=0))
     if problem.is_discrete:
-        raise InputError(f"choices of {problem!r} are whole numbers: nothing of them is rounded; leave digits out")
+        raise InputError(f"choices of {problem!r} are whole numbers, which are not rounded: leave digits out")
     published = validation.finite_array(action, "action", ndim=1, axes=(Axis("asset", problem.asset_names),))
     if published.size != problem.n_actions:
         raise InputError(f"action has {published.size} coordinates, expected {problem.n_actions}")

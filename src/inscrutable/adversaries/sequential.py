@@ -68,7 +68,7 @@ class SequentialAdversary:
 
     Raises:
         InputError: Numbers of states or symbols differ, or observations are real numbers and no particles are asked for; or a
-            disclosure is not the one that a rule goes by, hides the steps of a public memory, or delays what particles follow.
+            disclosure is not the one that a rule was made for, hides steps of a public memory, or delays what particles follow.
 
     Cost: on B beliefs with Y symbols, or pairs with public ones, X²·B·Y a step. By N particles N·Y beliefs are looked up a
     step, of other sensors 4 N.

@@ -22,10 +22,10 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False)
 class ShownBeliefs:
-    """The union of the consistent beliefs of decisions that are shown alike; it need not be convex.
+    """The union of the consistent beliefs of all decisions with one disclosed value; it need not be convex.
 
     Args:
-        members: One set for each candidate that looks so and stands for some belief.
+        members: One set for each candidate with this disclosed value that some belief explains.
 
     Source: the paper, Theorem 1, for every candidate that is still possible.
 
@@ -41,11 +41,11 @@ class ShownBeliefs:
     members: tuple[Any, ...]
 
     def __repr__(self) -> str:
-        return f"union of {len(self.members)} sets of beliefs, one for each candidate that looks so"
+        return f"union of {len(self.members)} sets of beliefs, one for each candidate with this disclosed value"
 
     @property
     def is_empty(self) -> bool:
-        """Whether no candidate that looks so stands for any belief."""
+        """Whether no belief explains a candidate with this disclosed value."""
         return not self.members
 
     def contains(self, belief: ArrayLike) -> bool:
@@ -55,18 +55,18 @@ class ShownBeliefs:
     def bounds(self) -> Array:
         """Return the least and greatest probability of each state, shape (X,2); raise `InputError` for an empty union."""
         if not self.members:
-            raise InputError("no candidate that looks so stands for any belief: there are no bounds")
+            raise InputError("no belief explains a candidate with this disclosed value: there are no bounds")
         each = np.stack([member.bounds() for member in self.members])
         return np.column_stack([each[:, :, 0].min(axis=0), each[:, :, 1].max(axis=0)])
 
 
 class ShownCandidates:
-    """Candidates by how they look.
+    """Candidates by disclosed value.
 
     Args:
         problem: The decision problem.
         candidates: Decisions (M,U), choices (M,), or an object with such `actions`.
-        disclosure: What is shown of them.
+        disclosure: What is disclosed of them.
 
     Raises:
         InputError: They are no decisions of the problem, or the disclosure does not suit them.
@@ -75,7 +75,7 @@ class ShownCandidates:
     def __init__(self, problem: DecisionProblem, candidates: Any, disclosure: Disclosure) -> None:
         if candidates is None:
             raise InputError(
-                f"{disclosure} hides parts of decisions: pass `candidates`, the decisions that the observer takes for possible"
+                f"{disclosure} hides parts of decisions: pass `candidates`, the decisions that the observer considers possible"
             )
         listed = np.asarray(ordered(getattr(candidates, "actions", candidates), "candidates", (None, None)))
         self.points = problem.check_actions(listed)
@@ -90,7 +90,7 @@ class ShownCandidates:
         given = validation.finite_array(np.asarray(values, dtype=np.float64), "shown values", ndim=np.ndim(values))
         rows = given.reshape(len(given), -1)
         if rows.shape[1] != self._width:
-            raise InputError(f"what is shown has {self._width} entries, got {rows.shape[1]}")
+            raise InputError(f"a disclosed value has {self._width} entries, got {rows.shape[1]}")
         apart, exact = self._tree.query(rows, p=np.inf)
         return np.where(apart <= tolerances.SAME_ACTION, exact, self._tree.query(rows)[1] if nearest else -1)
 

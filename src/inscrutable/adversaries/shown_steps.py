@@ -1,4 +1,4 @@
-"""The inverse filter of an observer who sees parts of decisions, at some steps, with a delay."""
+"""The inverse filter of an observer of disclosed decisions: parts of them, at some steps, with a delay."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from inscrutable.validation import Array
 
 
 class ShownSteps:
-    """A mechanism under a disclosure, as an observer of sequences reads it.
+    """A mechanism under a disclosure, for an observer of sequences.
 
     Args:
         given: A mechanism, with memory or without, or a rule.
-        disclosure: What is shown of its decisions.
+        disclosure: What is disclosed of its decisions.
 
     Raises:
         InputError: There is no such mechanism, or it cannot be disclosed so.

@@ -1,4 +1,4 @@
-"""What beliefs or decisions say of the sensor behind them."""
+"""Estimates of a sensor from beliefs or decisions."""
 
 from inscrutable.adversaries.sensor.calibration import calibrate_sensor
 from inscrutable.adversaries.sensor.calibration_results import CalibratedSensor, LikelihoodStatus, ProbeRanking

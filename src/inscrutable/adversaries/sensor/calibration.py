@@ -54,19 +54,19 @@ def calibrate_sensor(
     Args:
         actions: u_0..u_{T−1}, as `SequentialAdversary.filter` takes them.
         states: x_0..x_{T−1}, whole numbers from 0.
-        mechanism: What the agent plays under which belief, on a grid: beliefs between its points are mixed from the corners of
-            their cell. Or a function of a world that returns one, such as one on `reachable_beliefs`, which makes the
+        mechanism: The agent's mechanism on a grid of beliefs, interpolated from the corners of a cell for beliefs between them.
+            Or a function of a world that returns one, such as one on `reachable_beliefs`, which makes the
             likelihood exact whatever the sensor.
-        family: The sensors considered; a plain function of K probabilities is one with K parameters between 0 and 1.
-        world: The agent's world, whose sensor is replaced by each of the family's; a linear Gaussian one by each world of it.
-        n_particles: For sensors that report real numbers; the same draws serve every sensor.
+        family: The candidate sensors; a plain function of K probabilities is a family with K parameters between 0 and 1.
+        world: The agent's world, whose sensor is replaced by each of the family's; a linear Gaussian one is replaced whole.
+        n_particles: For sensors that report real numbers; all sensors use the same draws.
         rng: The source of the particles' draws.
 
     Returns:
         A `CalibratedSensor` with status: one maximum, an open interval, a flat likelihood, several maxima, or none.
 
     Raises:
-        InputError: States are out of range or as many as the decisions are not, or the family is malformed.
+        InputError: States are out of range or not as many as the decisions, or the family is malformed.
         ModelError: The world rules the states out.
 
     Cost: a run of the inverse filter for each sensor that is tried: about 40 for one parameter, some hundred for more.
@@ -126,7 +126,7 @@ def with_sensor(world: HiddenMarkovModel, sensor: Any) -> HiddenMarkovModel:
 
 
 def mechanism_in(given: KnownMechanism, world: HiddenMarkovModel) -> Any:
-    """Return a mechanism, or what a function makes of a world."""
+    """Return a mechanism, or the value of a function at a world."""
     if isinstance(given, (Mechanism, MemoryMechanism)) or hasattr(given, "mechanism_for"):
         return given
     if not callable(given):
@@ -291,7 +291,7 @@ def _intervals(information: Array, best: Array, bounds: Array) -> Array:
 
 
 def _status(profile: Array, grid: Array, top: float) -> LikelihoodStatus:
-    """What the profiles (K,G) say of the maximum."""
+    """The status that follows from the profiles (K,G)."""
     if top - profile.min() <= tolerances.PARAMETER * max(abs(top), 1.0):
         return LikelihoodStatus.FLAT
     plausible = profile >= top - _DROP

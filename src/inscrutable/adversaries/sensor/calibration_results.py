@@ -1,4 +1,4 @@
-"""What decisions under known states say of a sensor's parameters."""
+"""Results of the calibration of a sensor from decisions under known states."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class LikelihoodStatus(Enum):
     FLAT = "not identified: the decisions have the same probability under all sensors of the family"
     SEVERAL = "several: values apart from one another explain the decisions nearly as well; see the profile"
     IMPOSSIBLE = (
-        "no sensor of the family explains the decisions: is this the agent's mechanism, was the grid too coarse? the middle "
-        "of the bounds stands for the parameters"
+        "no sensor of the family explains the decisions: check the mechanism, and take a finer grid; the parameters are the "
+        "middle of the bounds"
     )
 
 

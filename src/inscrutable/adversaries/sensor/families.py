@@ -93,7 +93,7 @@ class SensorFamily:
 
     @classmethod
     def confusion(cls, n_states: int, n_symbols: int) -> SensorFamily:
-        """Return all sensors of Y symbols, by X·(Y−1) shares: each entry of a row is a share of what those before it leave."""
+        """Return all sensors of Y symbols, by X·(Y−1) shares: an entry is a share of its row's remaining probability."""
         rows, columns = validation.count(n_states, "n_states"), validation.count(n_symbols, "n_symbols", least=2)
 
         def make(*shares: float) -> CategoricalEmission:

@@ -1,4 +1,4 @@
-"""Which steps of a filter go by the same symbol: clusters of the directions of the sensor's columns.
+"""Which steps of a filter have the same symbol: clusters of the directions of the sensor's columns.
 
 Spherical k-means on the null vectors gives each step the weight of every other. The distance here is that between the belief
 held and the one to which a column would have led, in standard deviations: the errors of beliefs are then alike, those of
@@ -34,8 +34,8 @@ class Groups(NamedTuple):
 
     Args:
         columns: The sensor's columns up to a factor, largest entry one, shape (Y,X).
-        symbols: Which symbol each step goes by, shape (K,); −1 where it goes by none.
-        misses: How far each step is from its column, shape (K,), in standard deviations of one belief's error.
+        symbols: The symbol of each step, shape (K,); −1 where none explains it.
+        misses: Distance of each step from its column, shape (K,), in standard deviations of one belief's error.
     """
 
     columns: Array

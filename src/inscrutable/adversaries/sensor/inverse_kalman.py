@@ -60,11 +60,11 @@ def inverse_kalman_filter(
 
     Returns:
         A `KalmanResult` of m_t; of (x_t, m_t), 2n entries, where states are not known.
-        Its log-likelihood is the density of what is seen, given the states where they are known: the likelihood of a sensor.
+        Its log-likelihood is the density of the observations, given the states where known: the likelihood of a sensor.
 
     Raises:
         InputError: Shapes disagree, or the world has something public.
-        ModelError: What is seen has no density: a column says without noise what is known already.
+        ModelError: The observations have no density: a column is known without noise from the others.
 
     Cost: O(T n³).
 

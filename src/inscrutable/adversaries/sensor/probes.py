@@ -39,7 +39,7 @@ def best_probe(
 
     Args:
         probes: Sequences of states, each (T,), whole numbers from 0; lengths may differ.
-        mechanism: As in `calibrate_sensor`; it must go by the present belief alone.
+        mechanism: As in `calibrate_sensor`; it must depend on the present belief alone.
         family: As in `calibrate_sensor`, of sensors that report symbols.
         world: The agent's world.
         parameters: θ at which they are compared, shape (K,), inside the family's bounds.
@@ -95,7 +95,7 @@ def _known(mechanism: KnownMechanism, world: HiddenMarkovModel) -> KnownStates:
     plays = mechanism_in(mechanism, world)
     if not is_simple(plays, world):
         raise InputError(
-            "best_probe needs a Mechanism without memory, and a CategoricalEmission with nothing public beside it; got "
+            "best_probe needs a Mechanism without memory, and a world with a CategoricalEmission and no public sensor; got "
             f"{plays!r} in {world!r}"
         )
     return KnownStates(world, plays)

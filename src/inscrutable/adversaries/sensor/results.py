@@ -1,4 +1,4 @@
-"""What beliefs or decisions say of the sensor behind them."""
+"""Estimates of a sensor from beliefs or decisions."""
 
 from __future__ import annotations
 
@@ -27,34 +27,34 @@ class SensorStatus(Enum):
         "often symbols were seen; see the intervals"
     )
     TOO_FEW_SYMBOLS = (
-        "fewer symbols were seen than the sensor has, because more are expected or the rows do not sum to one without others: "
-        "what they lack is shared among the unseen; take more beliefs"
+        "fewer symbols were seen than the sensor has, because more are expected or the rows sum to less than one: the rest is "
+        "shared among the unseen symbols; take more beliefs"
     )
     TOO_FEW_STEPS = "fewer steps than unknowns: the answer is one guess of many; take more beliefs"
     ZEROS = (
-        "every step starts from a belief that rules out a state, so that nothing is said of how the sensor reports on it: take "
-        "other beliefs"
+        "every step starts from a belief that rules out a state, so that the sensor's row of that state is unknown: take other "
+        "beliefs"
     )
     OVERLAPPING = (
-        "symbols overlap within the noise, or no filter makes these beliefs: entries may be off by as much as symbols differ; "
-        "take more exact beliefs"
+        "symbols overlap within the noise, or no filter produces these beliefs: entries may be off by as much as symbols "
+        "differ; take more exact beliefs"
     )
     SETS = (
         "decisions leave sets of beliefs, and several sensors explain them: the intervals span those that were found; take "
         "more decisions"
     )
     DEGENERATE = (
-        "the beliefs move too little to determine the transition: the answer says nothing; take beliefs that move more, or "
+        "the beliefs change too little to determine the transition: the answer is arbitrary; take beliefs that change more, or "
         "more of them"
     )
     INCONSISTENT = (
-        "no filter with so many symbols makes these beliefs: see the steps with symbol -1 and the residual; doubt the "
+        "no filter with so many symbols produces these beliefs: see the steps with symbol -1 and the residual; doubt the "
         "beliefs, the transition or n_symbols"
     )
 
 
 class _Answer(Summarised, Saved):
-    """What data say of a model, with whether they determine it."""
+    """An estimate, and whether the data determine it."""
 
     status: SensorStatus
 
@@ -72,9 +72,9 @@ class EstimatedSensor(_Answer):
 
     Args:
         probabilities: The sensor, shape (X,Y), rows that sum to one; symbols are numbered as they come up.
-        symbols: The symbol of each step from a belief to the next, shape (T−1,); −1 where the step goes by none, or was not
+        symbols: The symbol of each step from a belief to the next, shape (T−1,); −1 where none explains the step, or it was not
             used.
-        residual: Largest Euclidean distance of a belief from the one that the filter makes of the belief before it.
+        residual: Largest Euclidean distance of a belief from the filter's update of the belief before it.
         status: Whether the data determine the sensor.
         intervals: 95 % intervals of each entry, shape (X,Y,2).
         noise: Standard deviation of one belief's coordinate, estimated from the residuals.
@@ -107,8 +107,8 @@ class EstimatedWorld(_Answer):
 
     Args:
         world: Transition and sensor; symbols have the names that were given, else they are numbered as they come up.
-        symbols: The symbol of each step from a belief to the next, shape (T−1,); −1 where the step goes by none.
-        residual: Largest Euclidean distance of a belief from the one that the filter makes of the belief before it.
+        symbols: The symbol of each step from a belief to the next, shape (T−1,); −1 where none explains the step.
+        residual: Largest Euclidean distance of a belief from the filter's update of the belief before it.
         status: Whether the data determine the world; `SCALES_BY_FREQUENCY` is about the sensor alone.
         transition_intervals: 95 % intervals by bootstrap, shape (X,X,2); of no width where none was asked for.
         sensor_intervals: The same of the sensor, (X,Y,2), which frequencies give in any case.
@@ -149,6 +149,6 @@ class EstimatedWorld(_Answer):
 
 
 def _counted(symbols: np.ndarray) -> str:
-    """How many steps go by a symbol."""
+    """How many steps have a symbol."""
     used = int((symbols >= 0).sum())
-    return f"{used} of {len(symbols)} go by a symbol"
+    return f"{used} of {len(symbols)} have a symbol"

@@ -1,4 +1,4 @@
-"""How large the columns of a sensor are whose directions are known: its rows sum to one, and its symbols are seen as often.
+"""Scales of a sensor's columns of known directions, from row sums of one and the frequencies of symbols.
 
 The directions d_y leave scales s_y with Σ_y s_y d_y = 1. Given the beliefs, the symbols' likelihood is Π_k s_{y_k}
 d_{y_k}'m_k, so that the scales maximise Σ_y n_y log s_y under these equations: a concave programme with a unique answer,
@@ -29,7 +29,7 @@ class Scales(NamedTuple):
     Args:
         factors: Shape (Y,).
         spread: Their standard deviations, shape (Y,): of the symbols' frequencies, and of the directions' errors.
-        rest: What the rows lack, shape (X,): the share of symbols that were never seen.
+        rest: One minus the row sums, shape (X,): the probability of symbols that were never seen.
         is_determined: Whether the equations alone determine the factors.
         excess: Largest distance of a row's sum from one, in units of what the directions' errors explain.
     """

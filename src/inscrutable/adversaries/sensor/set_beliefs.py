@@ -1,9 +1,9 @@
 """The sensor behind sets of beliefs, such as those that explain decisions, where some are points and others are not.
 
-A set says less than any of its members: its middle, or its point of least norm, in the belief's place would give a step that no
-filter took. Steps between points are used alone where they determine the sensor; sets are then only asked whether a step of the
-filter leads into them. Where they do not, members are looked for that make all steps those of one filter, from many starts:
-what the answers agree on is known, what they differ in is not.
+A set must not be replaced by its centre or its point of least norm: the step to it would be none of the filter's. Where steps
+between points determine the sensor, they are used alone, and sets only test whether a step of the filter leads into them. Where
+they do not, members are sought that make all steps those of one filter, from many starts: entries on which the answers agree
+are identified, the others are not.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def _corners(number: int, found: BeliefSet, n_states: int) -> Array:
         raise InputError(f"beliefs[{number}] is over {found.n_states} states, transition has {n_states}")
     if found.is_empty:
         raise InputError(
-            f"beliefs[{number}] is empty: no belief explains the decision, so that it says nothing of a filter"
+            f"beliefs[{number}] is empty: no belief explains the decision; leave out decisions that none explains"
         )
     return found.vertices()
 

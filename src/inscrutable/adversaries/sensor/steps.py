@@ -1,4 +1,4 @@
-"""Steps of a filter, as an observer of its beliefs sees them: prediction, belief after it, and accuracy."""
+"""Steps of a filter between observed beliefs: prediction, belief after it, and accuracy."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ class FilterSteps(NamedTuple):
 
 
 def filter_steps(before: Array, held: Array, transition: Array) -> FilterSteps:
-    """Return the steps from beliefs (K,X) to the next (K,X) that say something of every state.
+    """Return the steps from beliefs (K,X) to the next (K,X) with information about every state.
 
-    A step in which a state cannot be, because its predicted probability is zero, says nothing of how the sensor reports
-    on that state, and is left out. NaN rows are beliefs that were not seen.
+    A step with a state of predicted probability zero contains no information about the sensor's row of that state, and is
+    left out. NaN rows are beliefs that were not seen.
 
     Raises:
         ModelError: A belief gives weight to a state that the belief before it rules out.

@@ -1,4 +1,4 @@
-"""The transition behind the beliefs of a filter: linear equations of the steps that go by one symbol.
+"""The transition behind the beliefs of a filter: linear equations of the steps with one symbol.
 
 With M = diag(b) P' every such step satisfies (π_{k−1}' ⊗ (π_k 1' − I)) vec(M) = 0. Rows of every M point along those of P',
 so that P' = diag(a) Q with known Q, and its columns sum to one: Q'a = 1. One symbol is thus enough for P, however many there

@@ -27,6 +27,7 @@ from inscrutable.kernels.faces import (
     row_slope,
     row_value,
 )
+from sizes import instances
 from strategies import SEEDS
 
 Array = NDArray[np.float64]
@@ -119,7 +120,7 @@ def drawn_face(kind: str, n_states: int, size: int, rng: np.random.Generator) ->
     return face, belief, float(problem.optimal_cost(belief))
 
 
-@settings(max_examples=15)
+@settings(max_examples=instances(15))
 @given(SEEDS, st.sampled_from(["simplex", "box", "general"]), st.integers(1, 5), st.integers(2, 7))
 def test_slopes_and_curvatures(seed: int, kind: str, n_states: int, size: int) -> None:
     """∂ρ/∂y, ∂²ρ/∂y², ∂f_r/∂y and ∂²f_r/∂y² against complex steps, off the simplex of beliefs as well."""
@@ -373,7 +374,7 @@ def test_many_states_as_slsqp_climbs(sign: float) -> None:
 
 
 @given(SEEDS)
-@settings(max_examples=30)
+@settings(max_examples=instances(30))
 def test_a_budget_that_nothing_on_the_face_keeps(seed: int) -> None:
     """Infinite, the decoy left as it was; and where the start breaks a little, only allowed ends are taken."""
     rng = np.random.default_rng(seed)

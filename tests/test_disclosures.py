@@ -488,6 +488,7 @@ def test_a_study_asks_observers_by_what_they_are_shown(tmp_path: Any) -> None:
         ins.Study.of(plan)
 
 
+@pytest.mark.usefixtures("coarse")
 def test_a_backtest_has_one_more_rival_where_a_disclosure_is_asked_for() -> None:
     draw = np.random.default_rng(0)
     spread = np.repeat([0.01, 0.05, 0.02, 0.05], 20)[:, None]
@@ -540,6 +541,7 @@ def test_the_verb_writes_a_table_and_a_picture(tmp_path: Any, capsys: pytest.Cap
     assert main([*asked, "--disclosures", "sometimes()"]) == 3
 
 
+@pytest.mark.usefixtures("coarse")
 def test_the_verb_makes_the_sequential_rule_for_each_schedule(
     tmp_path: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -24,6 +24,7 @@ from inscrutable import (
     with_transaction_costs,
 )
 from inscrutable.decision_makers.proofs import certificate
+from sizes import instances
 from strategies import SEEDS
 
 
@@ -41,7 +42,7 @@ def beliefs_of(rng, n_states=3):
     return np.vstack([rng.dirichlet(np.ones(n_states), 3), simplex_grid(n_states, 2)])
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=instances(12), deadline=None)
 @given(SEEDS)
 def test_optimal_growth_costs_the_same_from_wherever_it_is_sought(seed):
     rng = np.random.default_rng(seed)

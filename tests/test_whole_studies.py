@@ -38,6 +38,7 @@ from inscrutable.experiments.studies.tasks import Done, TaskRunner
 from inscrutable.experiments.studies.whole import BEFORE, all_rows, shipped
 from inscrutable.reports.reproduction import summary_of
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
+from small_runs import nothing_painted
 from study_runs import SMALL
 from test_page import EVIL, Reader
 
@@ -95,13 +96,13 @@ def parts(run: MarketRun) -> dict[str, object]:
 
 
 def test_the_comparison_is_the_librarys_own(tmp_path: Path) -> None:
-    """Every decision maker, in two processes."""
+    """Every decision maker."""
     settings = ComparisonSettings(budgets=(0.6,), repeats=(1, 5), draws=20)
     market = market_of("paper", 2, 7)
     direct = compare(market.problem, market.chain, settings, rng=np.random.default_rng([7, 1]))
     study = comparison_study(settings, market="paper", resolution=2, seed=7)
     told: list[str] = []
-    found, note = compared(study, tmp_path, jobs=2, say=told.append, progress=lambda done, total: None)
+    found, note = compared(study, tmp_path, jobs=1, say=told.append, progress=lambda done, total: None)
     assert found.frame().equals(direct.frame())
     assert found.summary() == direct.summary()
     assert (found.header(), found.left_out, found.prior_top_state) == (
@@ -165,11 +166,13 @@ def test_rows_can_be_exported_like_any_studys(tmp_path: Path, capsys: pytest.Cap
 def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Folders of both verbs' results."""
     place = tmp_path_factory.mktemp("told")
-    for verb in (REPRODUCE, COMPARE):
-        assert cli.main([*verb, "--out", str(place / verb[0]), "-q"]) == 0
+    with nothing_painted():
+        for verb in (REPRODUCE, COMPARE):
+            assert cli.main([*verb, "--out", str(place / verb[0]), "-q"]) == 0
     return {verb[0]: place / verb[0] for verb in (REPRODUCE, COMPARE)}
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("verb", ["reproduce", "compare"])
 def test_a_study_has_the_page_of_its_results(verb: str, told: dict[str, Path], tmp_path: Path) -> None:
     """The same but for the manifest, which says what the rows were made by."""

@@ -1,4 +1,7 @@
-"""Run the tests marked `audit` and keep what they print in audit/log.txt, without the paths of this machine."""
+"""Run the tests marked `audit`, and those that draw fewer instances in `make test`, and keep what they print.
+
+audit/log.txt holds it, without the paths of this machine.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,8 @@ def anonymous(line: str) -> str:
 def main(arguments: list[str]) -> int:
     """Run pytest, show its lines as they come, keep them, and pass its exit code on."""
     command = [sys.executable, "-m", "pytest", "-m", "audit", "--no-header", "--durations=0", "-s", "-v", *arguments]
-    settings = {"LOKY_MAX_CPU_COUNT": str(os.cpu_count())} | os.environ  # all cores; the tests' own setting is one
+    # All cores, where the tests' own setting is one, and all random instances, of which `make test` draws a part.
+    settings = {"LOKY_MAX_CPU_COUNT": str(os.cpu_count()), "AUDIT_SIZES": "1"} | os.environ
     LOG.parent.mkdir(exist_ok=True)
     with (
         LOG.open("w", encoding="utf-8") as log,

@@ -53,7 +53,8 @@ def numbers(decided) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    ("n_states", "n_assets"), [(2, 1), (3, 2), (3, 5), (4, 2), pytest.param(4, 3, marks=pytest.mark.audit)]
+    ("n_states", "n_assets"),
+    [(2, 1), (3, 2), (4, 2), *(pytest.param(*each, marks=pytest.mark.audit) for each in ((3, 5), (4, 3)))],
 )
 def test_interpreted_and_compiled_decisions_have_the_same_digits(n_states, n_assets, fresh_rng, monkeypatch):
     problem = market(fresh_rng, n_states, n_assets)

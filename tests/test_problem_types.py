@@ -40,7 +40,7 @@ from inscrutable import (
     simplex_grid,
 )
 from oracles import enumeration
-from sizes import instances
+from sizes import instances, some
 from strategies import SEEDS
 
 TABLE = np.array([[0.0, 4.0, 6.0, 9.0], [8.0, 3.0, 2.0, 9.0], [9.0, 6.0, 1.0, 9.0]])
@@ -299,7 +299,7 @@ def test_a_horse_race_is_bet_as_it_is_believed():
     np.testing.assert_allclose(problem.regret(inside, bets), wanted, atol=1e-12)
 
 
-@pytest.mark.parametrize("case", [((0.2, 0.3, 0.5), 0.02), ((0.3, 0.3, 0.4), 0.1), ((0.05, 0.15, 0.8), 0.05)])
+@pytest.mark.parametrize("case", some([((0.2, 0.3, 0.5), 0.02), ((0.3, 0.3, 0.4), 0.1), ((0.05, 0.15, 0.8), 0.05)], 3))
 def test_a_horse_race_is_hidden_as_the_closed_form_says(case):
     belief, limit = np.array(case[0]), case[1]
     problem = horse_race(3)

@@ -38,7 +38,7 @@ from inscrutable.experiments.studies.tasks import Done, TaskRunner
 from inscrutable.experiments.studies.whole import BEFORE, all_rows, shipped
 from inscrutable.reports.reproduction import summary_of
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
-from small_runs import nothing_painted
+from small_runs import nothing_painted, short_simulations
 from study_runs import SMALL
 from test_page import EVIL, Reader
 
@@ -99,10 +99,11 @@ def test_the_comparison_is_the_librarys_own(tmp_path: Path) -> None:
     """Every decision maker."""
     settings = ComparisonSettings(budgets=(0.6,), repeats=(1, 5), draws=20)
     market = market_of("paper", 2, 7)
-    direct = compare(market.problem, market.chain, settings, rng=np.random.default_rng([7, 1]))
     study = comparison_study(settings, market="paper", resolution=2, seed=7)
     told: list[str] = []
-    found, note = compared(study, tmp_path, jobs=1, say=told.append, progress=lambda done, total: None)
+    with short_simulations():
+        direct = compare(market.problem, market.chain, settings, rng=np.random.default_rng([7, 1]))
+        found, note = compared(study, tmp_path, jobs=1, say=told.append, progress=lambda done, total: None)
     assert found.frame().equals(direct.frame())
     assert found.summary() == direct.summary()
     assert (found.header(), found.left_out, found.prior_top_state) == (

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 import inscrutable.reports
+from inscrutable.decision_makers import local_search
 from inscrutable.decision_makers.sequential import calibration
 from inscrutable.experiments import backtest_aware, backtest_sequential
 
@@ -56,4 +57,17 @@ def short_simulations() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(calibration, "_FINE", 80)
         patch.setattr(calibration, "_LAST", 250)
+        yield
+
+
+@contextmanager
+def short_searches() -> Iterator[None]:
+    """The paper's local search takes few steps; for tests that judge how its results are kept, not how good they are."""
+    minimize = local_search.minimize
+
+    def short(*given: Any, options: dict[str, Any], **more: Any) -> Any:
+        return minimize(*given, options=options | {"maxiter": 8}, **more)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(local_search, "minimize", short)
         yield

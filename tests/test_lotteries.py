@@ -303,13 +303,13 @@ def test_memory_beyond_the_result_does_not_grow_with_the_beliefs() -> None:
 def test_progress_rises_to_the_end() -> None:
     case = told((3, 3), 1.0, 0.05, count=2)
     seen: list[tuple[int, int]] = []
-    beliefs = np.random.default_rng(0).dirichlet(np.ones(3), 600)
+    beliefs = np.random.default_rng(0).dirichlet(np.ones(3), 1500)
     case.maker.decide_many(beliefs, progress=lambda done, count: seen.append((done, count)))
     done = [steps for steps, _ in seen]
     assert done == sorted(done)
     assert len(done) > 1
-    assert {count for _, count in seen} == {600}
-    assert seen[-1] == (600, 600)
+    assert {count for _, count in seen} == {1500}
+    assert seen[-1] == (1500, 1500)
 
 
 def test_progress_goes_on_over_blocks(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ import base64
 import json
 import os
 import shutil
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -38,9 +39,16 @@ from inscrutable.experiments.studies.tasks import Done, TaskRunner
 from inscrutable.experiments.studies.whole import BEFORE, all_rows, shipped
 from inscrutable.reports.reproduction import summary_of
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
-from small_runs import nothing_painted, short_simulations
+from small_runs import nothing_painted, short_searches, short_simulations
 from study_runs import SMALL
 from test_page import EVIL, Reader
+
+
+@pytest.fixture(scope="module", autouse=True)
+def soon() -> Iterator[None]:
+    with short_searches():
+        yield
+
 
 EFFORT: dict[str, Any] = {
     "resolution": 5,
@@ -138,8 +146,9 @@ def test_a_models_file_is_a_market(tmp_path: Path) -> None:
     world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission(means, spreads))
     InvestorModel(world, MarkowitzProblem(means, spreads, 2.0), ("A", "B"), world.names).save(tmp_path / "model.json")
     settings = ComparisonSettings(budgets=(0.5,), repeats=(1,), draws=10)
-    study = comparison_study(settings, market=str(tmp_path / "model.json"), resolution=4, seed=0)
-    half = run_study(study, tmp_path / "out", limit=3)
+    makers = ("ODM", "CDM", "coin", "rounding")
+    study = comparison_study(settings, makers, market=str(tmp_path / "model.json"), resolution=4, seed=0)
+    half = run_study(study, tmp_path / "out", limit=2)
     (tmp_path / "model.json").unlink()
     whole = resume_study(half.folder or "")
     assert whole.status().failed == 0

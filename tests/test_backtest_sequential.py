@@ -133,6 +133,7 @@ def test_doubt_keeps_the_law_and_rules_nothing_out(found: Backtest) -> None:
     np.testing.assert_allclose(moved.transition.toarray(), chain.transition.toarray(), atol=0.011)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_said_of_it(found: Backtest, tmp_path: Path) -> None:
     assert found.sequential is not None
     prices, figures = found.sequential.maker.calibration, found.figures["SDM"]

@@ -23,7 +23,7 @@ from inscrutable import (
     simplex,
     simplex_grid,
 )
-from sizes import instances
+from sizes import instances, some
 
 cp = pytest.importorskip("cvxpy")
 
@@ -240,7 +240,9 @@ def test_exponentials_are_solved_as_by_an_interior_point(kind, fresh_rng):
     assert found.regret <= 0.1 * abs(found.optimal_cost) + 1e-12
 
 
-@pytest.mark.parametrize(("power", "least"), [(1.5, 2.7 / 3.3), (2.5, 2.7 / 3.3), (3, 2.7 / 3.3), (4, 2.7 / 3.3)])
+@pytest.mark.parametrize(
+    ("power", "least"), some([(1.5, 2.7 / 3.3), (2.5, 2.7 / 3.3), (3, 2.7 / 3.3), (4, 2.7 / 3.3)], 2)
+)
 def test_a_power_has_its_slope_at_zero(power, least):
     """At (1,0,0) the powers of the others have slope 0: π explains it where g(π)_0 is the least, by hand."""
     u = cp.Variable(3)

@@ -6,9 +6,7 @@ Tests that take `fresh_rng` draw new instances at every run; a failure prints th
 from __future__ import annotations
 
 import gc
-import importlib
 import os
-import pkgutil
 import secrets
 import signal
 import threading
@@ -20,7 +18,9 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-import inscrutable.reports
+from inscrutable import cli, cli_compare
+from sizes import audited
+from small_runs import coarse_rivals, nothing_painted, short_simulations
 
 # Where a test asks for all cores it gets one: two test processes share two, and worker processes take seconds to start.
 # Tests of several processes ask for two.
@@ -47,28 +47,44 @@ def pytest_collection_finish() -> None:
 LONGEST = ("test_site.py", "test_documents.py", "test_studies.py", "test_study_cluster.py")
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the longest tests, so that no process waits for one of them in the end."""
+    """Begin with the longest tests, so that no process waits for one of them in the end.
+
+    Where all instances are asked for, the tests of all modules that draw fewer otherwise belong to the audit.
+    """
+    if audited():
+        for item in items:
+            if {"instances", "some"} & set(vars(getattr(item, "module", None) or item)):
+                item.add_marker("audit")
     items.sort(key=lambda item: LONGEST.index(item.path.name) if item.path.name in LONGEST else len(LONGEST))
-
-
-def unpainted(figure: Any, folder: Path, name: str) -> list[Path]:
-    """Write pictures of nothing in place of a figure's."""
-    written = [folder / f"{name}.{ending}" for ending in ("png", "svg")]
-    for path in written:
-        path.write_text("<svg/>", "utf-8")
-    return written
 
 
 @pytest.fixture
 def undrawn() -> Iterator[None]:
-    """Figures are made but not painted, which takes half a second each; tests of their own look at what they show."""
-    found = pkgutil.walk_packages(inscrutable.reports.__path__, "inscrutable.reports.")
-    modules = [importlib.import_module(each.name) for each in found]
+    """Figures are made but not painted."""
+    with nothing_painted():
+        yield
+
+
+@pytest.fixture
+def coarse() -> Iterator[None]:
+    """Rivals of a backtest on few beliefs, prices from short simulations."""
+    with coarse_rivals(), short_simulations():
+        yield
+
+
+@pytest.fixture
+def unpaged() -> Iterator[None]:
+    """The verbs write an empty page, which otherwise takes a third of a backtest; tests of their own read it."""
+
+    def blank(result: Any, folder: Path, **_: Any) -> list[Path]:
+        (folder / "report.html").write_text("", "utf-8")
+        return [folder / "report.html"]
+
     with pytest.MonkeyPatch.context() as patch:
-        for module in modules:
-            if hasattr(module, "save_figure"):
-                patch.setattr(module, "save_figure", unpainted)
+        for module in (cli, cli_compare):
+            patch.setattr(module, "write_report", blank)
         yield
 
 

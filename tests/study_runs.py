@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from inscrutable import Study
+from inscrutable.experiments.studies.tasks import Row, Work, chunk_of_rows
 
 SMALL: dict[str, Any] = {
     "name": "small",
@@ -80,3 +81,13 @@ def worker_processes() -> list[int]:
     from joblib.externals.loky import reusable_executor
 
     return list(reusable_executor._executor._processes)
+
+
+def dead(*_: object) -> None:
+    """What no worker survives."""
+    os._exit(9)
+
+
+def deadly(work: Work, numbers: list[int]) -> list[Row]:
+    """Do tasks, one of which no worker survives; here, because a worker imports the module that it stands in."""
+    return dead() if 5 in numbers else chunk_of_rows(work, numbers)  # type: ignore[func-returns-value, return-value]

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from inscrutable import MarkowitzProblem, Polyhedron, QuadraticProblem, box, simplex
 from inscrutable.kernels.threads import in_chunks, thread_count
 from oracles import enumeration, markets
+from sizes import instances
 from strategies import SEEDS
 
 
@@ -52,7 +53,7 @@ def test_one_belief_is_solved_as_it_is_among_many():
     np.testing.assert_allclose(problem.solve(beliefs[::-1])[::-1], together, atol=1e-13)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=instances(40), deadline=None)
 @given(SEEDS)
 def test_boxes_with_fixed_coordinates_and_equalities_equal_enumeration(seed):
     rng = np.random.default_rng(seed)

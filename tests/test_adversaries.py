@@ -30,6 +30,7 @@ from inscrutable import (
     uniform_prior,
 )
 from oracles import enumeration, markets
+from sizes import instances
 from strategies import SEEDS, belief_problem, drawn_problems, line_problem
 
 GRID = simplex_grid(3, 40)
@@ -50,7 +51,7 @@ def market_with_values(rng, sign):
 # --- the naive one --------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40)
+@settings(max_examples=instances(40))
 @given(drawn_problems(states=(1, 4), assets=(1, 5), min_slack=1e-4))
 def test_naive_estimates_are_the_centres_of_consistent_sets(drawn):
     problem, rng = drawn.problem, drawn.rng
@@ -88,7 +89,7 @@ def some_actions(problem, rng):
     return np.vstack([optimal, moved, np.eye(problem.n_actions)[:1]])
 
 
-@settings(max_examples=12)
+@settings(max_examples=instances(12))
 @given(SEEDS, st.sampled_from(["positive", "negative", "both"]), st.sampled_from([0.05, 0.3, 1.0]))
 def test_affordable_beliefs_are_those_of_a_grid(seed, sign, share):
     rng = np.random.default_rng(seed)

@@ -18,6 +18,7 @@ from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.problems import MarkowitzProblem, Polyhedron, box, simplex
 from inscrutable.reports.attack import attack_lines, attack_summary, attack_table, reading_notes, write_attack
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
+from sizes import instances, some
 
 
 def market(seed: int, n_assets: int, n_states: int = 3, region: Polyhedron | None = None) -> InvestorModel:
@@ -58,8 +59,9 @@ def test_exact_weights_say_what_the_adversary_says() -> None:
         assert row.residual <= tolerances.EXPLAINED
 
 
-@pytest.mark.parametrize("decimals", [2, 3, 4, 6])
-@pytest.mark.parametrize(("seed", "n_assets"), [(2, 3), (3, 6), (4, 12)])
+@pytest.mark.parametrize(
+    ("seed", "n_assets", "decimals"), some([(*each, n) for each in ((2, 3), (3, 6), (4, 12)) for n in (2, 3, 4, 6)], 3)
+)
 def test_rounded_weights_keep_the_truth_inside(seed: int, n_assets: int, decimals: int) -> None:
     model = market(seed, n_assets)
     beliefs = np.random.default_rng(seed).dirichlet(np.ones(3), size=10)
@@ -89,7 +91,7 @@ def test_the_allowance_covers_the_worst_rounding() -> None:
     belief = np.array([0.2, 0.5, 0.3])
     weights = model.problem.solve(belief)
     held = weights > 0
-    for _ in range(40):
+    for _ in range(instances(40)):
         shift = 0.005 * rng.choice([-1.0, 1.0], size=5) * held
         frame = pd.DataFrame([np.maximum(weights + shift, 0.0)], columns=list(model.assets))
         row = attack_weights(model, frame, decimals=2).rows[0]
@@ -219,6 +221,7 @@ def test_files_are_written_and_hold_the_numbers(tmp_path: Path, n_states: int, f
     assert attack_summary(attack)["readings"] == {"exact": 0, "rounded": 3, "implausible": 0}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_summary_keeps_every_row(tmp_path: Path) -> None:
     """Two rows of one day, and a label that comes twice, are rows of their own."""
     model = market(14, 4)

@@ -174,6 +174,7 @@ def test_candidates_are_shared_and_solved_once(found: Backtest) -> None:
     assert found.episode.records["PDM"].expected_privacy[0] >= frontier.randomized(limit) - 1e-9
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_same_seed_same_bytes(found: Backtest, tmp_path: Path) -> None:
     returns = market()
     again = run(returns, riskless=pd.Series(0.001, index=returns.index))
@@ -190,6 +191,7 @@ def test_same_seed_same_bytes(found: Backtest, tmp_path: Path) -> None:
     assert summary["decision_makers"]["CDM"]["mean_regret"] == found.figures["CDM"]["mean_regret"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_files_can_be_read_again(found: Backtest, tmp_path: Path) -> None:
     write_backtest(found, tmp_path)
     weights = read_weights(tmp_path / "weights_CDM.csv", assets=found.assets).frame
@@ -258,6 +260,7 @@ def test_the_prior_of_the_rival_is_about_the_next_row(found: Backtest) -> None:
     assert (moved <= high + 1e-12).all()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_short_lines_say_what_is_hidden_from_whom_at_what_price(found: Backtest, tmp_path: Path) -> None:
     said = verdict(found)
     for line, part in zip(
@@ -354,6 +357,7 @@ def test_duplicated_and_constant_assets_work() -> None:
     np.testing.assert_allclose(found.weights("CDM").sum(axis=1), 1.0, atol=1e-9)
 
 
+@pytest.mark.usefixtures("coarse")
 def test_default_fit_has_three_recurring_regimes() -> None:
     """With the default number of restarts the regimes are the same for every seed, and each occurs after 1990."""
     data = load_industry_returns()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from inscrutable.mechanisms.chains import predicted_chain
 from inscrutable.privacy import DesiredObfuscation
 from inscrutable.reports.backtest import table_of, text_of, write_backtest
 from inscrutable.reports.backtest_verdict import limits, verdict
+from small_runs import coarse_rivals, short_simulations
 
 TRAINING, DECISIONS, GRID = 480, 240, 12
 SETTINGS = BacktestSettings(regimes=2, train_until="2039-12")
@@ -34,6 +36,12 @@ def market() -> pd.DataFrame:
     rows = world.sample(TRAINING + DECISIONS, rng=np.random.default_rng(4)).observations
     months = pd.date_range("2000-01", periods=len(rows), freq="ME")
     return pd.DataFrame(np.asarray(rows), index=months, columns=["A", "B", "C"])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse() -> Iterator[None]:
+    with coarse_rivals(120, 2), short_simulations():
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -125,6 +133,7 @@ def test_doubt_keeps_the_law_and_rules_nothing_out(found: Backtest) -> None:
     np.testing.assert_allclose(moved.transition.toarray(), chain.transition.toarray(), atol=0.011)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_said_of_it(found: Backtest, tmp_path: Path) -> None:
     assert found.sequential is not None
     prices, figures = found.sequential.maker.calibration, found.figures["SDM"]
@@ -141,7 +150,7 @@ def test_what_is_said_of_it(found: Backtest, tmp_path: Path) -> None:
     assert "aware_SDM.csv" not in written
     held = json.loads((tmp_path / "summary.json").read_text("utf-8"))["sequential"]
     assert held["mean_regret_allowed"] == found.sequential.maker.limit
-    assert len(held["other_draws"]) == 8
+    assert len(held["other_draws"]) == 2
 
 
 def test_none_holds_is_said_as_such(found: Backtest) -> None:

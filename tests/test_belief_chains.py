@@ -229,7 +229,8 @@ def test_without_a_chain_they_are_no_part_of_it() -> None:
 
 def test_choices_are_delayed_but_not_partly_made() -> None:
     problem, chain = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), resting_chain(uniform_prior(2, 3), 0.9)
-    found = compare(problem, chain, ComparisonSettings(budgets=(1.0,), repeats=(1,)), rng=np.random.default_rng(0))
+    settings, makers = ComparisonSettings(budgets=(1.0,), repeats=(1,)), makers_of(("ODM", "delay", "partial trades"))
+    found = compare(problem, chain, settings, makers=makers, rng=np.random.default_rng(0))
     assert "delay" in found.makers
     assert "partial trades" in found.left_out
 

@@ -19,6 +19,7 @@ from inscrutable.geometry.hulls import members_of_sets
 from inscrutable.geometry.polytopes import _always_tight, _apart
 from inscrutable.privacy import Infeasibility, MaximalObfuscation, NonUniqueness
 from inscrutable.problems import FiniteProblem, MarkowitzProblem
+from sizes import instances
 
 SEEDS = st.integers(0, 2**32 - 1)
 HELD, EMPTY = 1, -1
@@ -69,7 +70,7 @@ def market(seed, n_states=10, n_assets=4):
 
 
 @given(SEEDS, st.integers(3, 10), st.integers(0, 6), st.integers(0, 20))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=instances(150), deadline=None)
 def test_verdicts_are_those_of_linear_programmes(seed, n_states, n_equal, n_rows):
     rng = np.random.default_rng(seed)
     equalities = rng.normal(size=(4, min(n_equal, n_states - 3), n_states))
@@ -110,7 +111,7 @@ def test_rows_that_nothing_can_meet_are_seen_at_once():
     assert verdict[0] == EMPTY
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(instances(3, least=1)))
 def test_decisions_of_ten_states_are_explained_where_linear_programmes_say_so(seed):
     problem, _ = market(seed)
     candidates = near_decoys(problem)
@@ -123,7 +124,7 @@ def test_decisions_of_ten_states_are_explained_where_linear_programmes_say_so(se
         assert consistent_beliefs(problem, sets.actions[i]).violation(sets.start[i]) <= 1e-9
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(instances(2, least=1)))
 def test_no_cheaper_candidate_of_ten_states_is_infeasible(seed):
     problem, belief = market(seed, n_assets=5)
     decider = CounterAdversarialDecisionMaker(problem, Infeasibility(margin=0.0), Budget.regret(0.05))
@@ -171,7 +172,7 @@ def test_corners_found_when_asked_for_are_those_of_the_simplex():
 
 
 @given(SEEDS, st.integers(2, 5), st.integers(0, 2))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=instances(60), deadline=None)
 def test_rows_that_are_tight_everywhere_are_those_that_no_point_leaves(seed, size, n_flat):
     rng = np.random.default_rng(seed)
     rows = np.vstack([np.eye(size), -np.eye(size), rng.normal(size=(3, size))])

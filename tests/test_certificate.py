@@ -30,6 +30,7 @@ from inscrutable.geometry.simplicial import cones_from, directions_to, halved
 from inscrutable.privacy.measures import Reference
 from oracles import enumeration, markets, optimum
 from oracles.horse_race import farthest_stake
+from sizes import instances
 from strategies import OwnShares
 
 PROVEN = (DecisionStatus.PROVED, DecisionStatus.GAP_REACHED)
@@ -89,7 +90,7 @@ class Horses(DecisionProblem):
         raise NotImplementedError
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(instances(12, least=3)))
 def test_the_bound_is_above_what_scip_finds(seed):
     pytest.importorskip("pyscipopt", reason="SCIP comes with the [global] extra")
     market, belief, budget = drawn(seed)
@@ -118,7 +119,7 @@ def test_the_bound_is_above_what_scip_finds_on_many_markets(capsys):
     assert not violations
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(instances(12, least=3)))
 def test_the_bound_of_a_target_is_above_a_grid(seed):
     market, belief, budget = drawn(seed, 3)
     problem = MarkowitzProblem(*market)
@@ -147,7 +148,7 @@ def test_a_horse_race_is_a_closed_form(n_states):
     assert answer.complete
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(instances(8, least=3)))
 def test_finite_choices_and_their_mixtures_are_below_the_bound(seed):
     rng = np.random.default_rng(seed)
     n_states = 2 + seed % 2
@@ -230,7 +231,7 @@ def test_flat_costs_are_not_taken_for_unique():
     assert MarkowitzProblem([[0.1, 0.1], [0.2, 0.1]], [0.1 * np.eye(2), np.eye(2)], 1.0).costs_are_unique
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(instances(4, least=1)))
 @pytest.mark.parametrize("targeted", [False, True])
 def test_lotteries_stay_below_their_bound_on_a_finer_grid(seed, targeted):
     market, belief, budget = drawn(seed + 50, 3)
@@ -249,7 +250,7 @@ def test_lotteries_stay_below_their_bound_on_a_finer_grid(seed, targeted):
 def test_gaps_are_small_where_several_assets_are_held():
     gaps = {3: [], 4: []}
     for n_states, found in gaps.items():
-        for seed in range(7):
+        for seed in range(instances(7, least=3)):
             rng = np.random.default_rng([7, n_states, seed])
             market = markets.random_market(rng, n_states, 6)
             belief = markets.random_belief(rng, n_states)

@@ -337,7 +337,7 @@ def test_failures_are_one_line_unless_more_is_asked_for(  # type: ignore[no-unty
 # ---- backtest and reproduce -----------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "coarse")
 def test_backtest_then_attack_then_protect(run, folder: Path, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     out_folder = tmp_path / "b"
     common = ("--regimes", 2, "--budget", "0.2", "--no-sequential", "--out", out_folder)

@@ -27,6 +27,7 @@ from inscrutable.kernels.faces import (
     row_slope,
     row_value,
 )
+from sizes import instances, some
 from strategies import SEEDS
 
 Array = NDArray[np.float64]
@@ -119,7 +120,7 @@ def drawn_face(kind: str, n_states: int, size: int, rng: np.random.Generator) ->
     return face, belief, float(problem.optimal_cost(belief))
 
 
-@settings(max_examples=15)
+@settings(max_examples=instances(15))
 @given(SEEDS, st.sampled_from(["simplex", "box", "general"]), st.integers(1, 5), st.integers(2, 7))
 def test_slopes_and_curvatures(seed: int, kind: str, n_states: int, size: int) -> None:
     """∂ρ/∂y, ∂²ρ/∂y², ∂f_r/∂y and ∂²f_r/∂y² against complex steps, off the simplex of beliefs as well."""
@@ -306,7 +307,7 @@ CLIMBS = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "n_states", "sign", "priced"), CLIMBS)
+@pytest.mark.parametrize(("kind", "n_states", "sign", "priced"), some(CLIMBS, 5))
 def test_climbs_end_inside_and_the_best_is_that_of_brute_force(
     kind: str, n_states: int, sign: float, priced: bool
 ) -> None:
@@ -373,7 +374,7 @@ def test_many_states_as_slsqp_climbs(sign: float) -> None:
 
 
 @given(SEEDS)
-@settings(max_examples=30)
+@settings(max_examples=instances(30))
 def test_a_budget_that_nothing_on_the_face_keeps(seed: int) -> None:
     """Infinite, the decoy left as it was; and where the start breaks a little, only allowed ends are taken."""
     rng = np.random.default_rng(seed)

@@ -202,9 +202,14 @@ def test_the_order_of_beliefs_is_of_no_account(market: tuple[MarkowitzProblem, P
 # ---- degenerate input --------------------------------------------------------------------------------
 
 
-def test_one_belief_leaves_nothing_to_hide(market: tuple[MarkowitzProblem, Prior]) -> None:
-    prior = Prior([[0.2, 0.3, 0.5]], [1.0])
-    found = compare(market[0], prior, SETTINGS, rng=np.random.default_rng(0))
+@pytest.fixture(scope="module")
+def alone(market: tuple[MarkowitzProblem, Prior]) -> Comparison:
+    """Of a prior with one belief."""
+    return compare(market[0], Prior([[0.2, 0.3, 0.5]], [1.0]), SETTINGS, rng=np.random.default_rng(0))
+
+
+def test_one_belief_leaves_nothing_to_hide(alone: Comparison) -> None:
+    found = alone
     assert found.prior_error == 0.0
     assert found.silence_regret == pytest.approx(0.0, abs=1e-15)
     for row in found.rows:
@@ -382,11 +387,22 @@ def test_a_comparison_is_saved_and_loaded(found: Comparison, tmp_path: Path) -> 
     assert again.header() == found.header()
 
 
-def test_the_same_seed_gives_the_same_figures(market: tuple[MarkowitzProblem, Prior], found: Comparison) -> None:
+def test_the_same_seed_gives_the_same_figures(market: tuple[MarkowitzProblem, Prior]) -> None:
     moves: list[tuple[int, int]] = []
-    again = compare(*market, SETTINGS, rng=np.random.default_rng(1), progress=lambda *move: moves.append(move))
+    settings = ComparisonSettings(budgets=(0.5,), repeats=(1, 5), draws=20)
+    names = ("PDM", "rate-distortion", "coin", "Dirichlet noise", "rounding")
+    found, again = (
+        compare(
+            *market,
+            settings,
+            makers=makers_of(names),
+            rng=np.random.default_rng(1),
+            progress=lambda *move: moves.append(move),
+        )
+        for _ in range(2)
+    )
     pd.testing.assert_frame_equal(again.frame(), found.frame())
-    assert moves == [(done + 1, len(found.rows)) for done in range(len(found.rows))]
+    assert moves == 2 * [(done + 1, len(found.rows)) for done in range(len(found.rows))]
 
 
 def test_the_sentence_names_who_holds(found: Comparison) -> None:
@@ -485,8 +501,7 @@ def test_nothing_overlaps_in_the_picture(found: Comparison, kept: list[Any]) -> 
             assert not one.shrunk(0.98, 0.98).overlaps(other.shrunk(0.98, 0.98))
 
 
-def test_a_comparison_without_silence_regret_is_drawn(market: tuple[MarkowitzProblem, Prior], tmp_path: Path) -> None:
-    alone = compare(market[0], Prior([[0.2, 0.3, 0.5]], [1.0]), SETTINGS, rng=np.random.default_rng(0))
+def test_a_comparison_without_silence_regret_is_drawn(alone: Comparison, tmp_path: Path) -> None:
     assert all(path.stat().st_size > 5_000 for path in draw_comparison(alone, tmp_path))
 
 

@@ -11,6 +11,7 @@ from scipy.optimize import linprog
 from inscrutable import MarkowitzProblem, Polyhedron, QuadraticProblem, box, consistent_beliefs, simplex
 from inscrutable.adversaries import consistent_sets
 from oracles import consistent
+from sizes import instances
 from strategies import (
     SEEDS,
     belief_problem,
@@ -28,7 +29,7 @@ AGREEMENT = 1e-6  # with the oracle, in belief, on well-posed sets
 # --- properties over random problems --------------------------------------------------------------------------------
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=instances(300), deadline=None)
 @given(drawn_problems())
 def test_the_belief_explains_its_own_decision_and_every_corner_does(drawn):
     action = drawn.problem.solve(drawn.belief)
@@ -46,7 +47,7 @@ def test_the_belief_explains_its_own_decision_and_every_corner_does(drawn):
     assert regrets.max() <= VERTEX_REGRET * cost_scale(drawn.problem, action)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=instances(150), deadline=None)
 @given(drawn_problems(min_slack=1e-4))
 def test_a_smallest_weight_only_widens_the_set(drawn):
     action = drawn.problem.solve(drawn.belief)
@@ -57,7 +58,7 @@ def test_a_smallest_weight_only_widens_the_set(drawn):
         assert widened.distance(corner) <= AGREEMENT
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=instances(300), deadline=None)
 @given(drawn_problems(states=(2, 6), assets=(2, 20), spread=1.0), st.booleans())
 def test_bounds_and_distance_are_the_oracles(drawn, optimal):
     """Well posed: every singular value of the projected stationarity system is clearly zero or clearly not."""
@@ -83,7 +84,7 @@ def test_bounds_and_distance_are_the_oracles(drawn, optimal):
         assert found.violation(nearest) <= AGREEMENT
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=instances(150), deadline=None)
 @given(drawn_problems(states=(2, 4), assets=(2, 8), spread=1.0))
 def test_vertices_are_the_oracles(drawn):
     action = drawn.problem.solve(drawn.belief)
@@ -100,7 +101,7 @@ def same_points(found, expected, atol=AGREEMENT):
     return len(found) == len(expected) and apart.min(axis=0).max() <= atol and apart.min(axis=1).max() <= atol
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=instances(100), deadline=None)
 @given(drawn_problems(states=(2, 4), assets=(5, 30), kinds=[{}], spread=0.0))
 def test_an_interior_action_with_more_assets_than_states_is_unexplained(drawn):
     action = drawn.rng.dirichlet(np.ones(drawn.problem.n_actions)) * 0.9 + 0.1 / drawn.problem.n_actions
@@ -120,7 +121,7 @@ def test_an_interior_action_with_more_assets_than_states_is_unexplained(drawn):
     assert np.isnan(found.nearest(drawn.belief)).all()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=instances(100), deadline=None)
 @given(drawn_problems(states=(2, 6), assets=(2, 12), spread=1.0))
 def test_fact_f3_the_distance_to_the_set_is_at_most_the_distance_to_the_decoy(drawn):
     decoy = drawn.rng.dirichlet(np.ones(drawn.belief.size))
@@ -131,7 +132,7 @@ def test_fact_f3_the_distance_to_the_set_is_at_most_the_distance_to_the_decoy(dr
         assert found.distance(drawn.belief) == pytest.approx(apart, abs=AGREEMENT)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=instances(100), deadline=None)
 @given(drawn_problems(states=(2, 5), assets=(2, 8), spread=1.0))
 def test_samples_centre_and_bounds_belong_together(drawn):
     found = consistent_beliefs(drawn.problem, drawn.problem.solve(drawn.belief))
@@ -144,7 +145,7 @@ def test_samples_centre_and_bounds_belong_together(drawn):
     np.testing.assert_allclose(found.center(), found.vertices().mean(axis=0), atol=1e-15)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=instances(60), deadline=None)
 @given(drawn_problems(states=(2, 6), assets=(2, 5), spread=1.0))
 def test_the_interior_point_is_on_no_border_it_could_be_off(drawn):
     """Wherever a linear programme finds a member with slack in a row, the point has slack in it too."""
@@ -165,7 +166,7 @@ def test_the_interior_point_is_on_no_border_it_could_be_off(drawn):
             assert row @ point > -1e-3 * most.fun
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=instances(60), deadline=None)
 @given(drawn_problems(states=(2, 5), assets=(2, 6), spread=1.0))
 def test_many_sets_at_once_are_the_single_ones(drawn):
     decoys = np.vstack([drawn.belief, drawn.rng.dirichlet(np.ones(drawn.belief.size), 4), np.eye(drawn.belief.size)])
@@ -208,7 +209,7 @@ POLYHEDRA = ["box", "sector", "redundant", "duplicated", "degenerate vertex", "e
 
 
 @pytest.mark.parametrize("kind", POLYHEDRA)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=instances(30), deadline=None)
 @given(SEEDS)
 def test_general_feasible_sets_agree_with_the_lifted_oracle(kind, seed):
     rng = np.random.default_rng(seed)

@@ -18,6 +18,7 @@ from inscrutable import (
     max_weights,
     simplex,
 )
+from sizes import instances
 from strategies import SEEDS
 
 
@@ -97,7 +98,7 @@ def test_tight_rows_are_those_an_observer_counts():
     np.testing.assert_array_equal(scaled.tight_rows([[0.0, 5e-5], [0.0, 2e-4]]), [[True], [False]])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=instances(40), deadline=None)
 @given(SEEDS)
 def test_the_bounding_box_is_that_of_linear_programmes(seed):
     rng = np.random.default_rng(seed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -43,6 +44,7 @@ from inscrutable import (
     simplex,
     uniform_prior,
 )
+from sizes import some
 
 MARKET = MarkowitzProblem(
     [[0.02, 0.0, 0.01], [-0.01, 0.02, 0.0], [0.0, -0.01, 0.02]],
@@ -58,18 +60,19 @@ PRIOR = uniform_prior(3, 5)
 # ---- what is shipped is sound --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
-def test_shipped_measures_keep_their_promises(name):
-    path = np.full((2, 3), 1 / 3)
-    for measure in (
-        MaximalObfuscation(),
-        DesiredObfuscation([0.2, 0.3, 0.5]),
-        DesiredObfuscation(path),
-        NonUniqueness(),
-        NonExistence(),
-        Infeasibility(),
-    ):
-        check_privacy_measure(measure, PROBLEMS[name])
+MEASURES = [
+    MaximalObfuscation(),
+    DesiredObfuscation([0.2, 0.3, 0.5]),
+    DesiredObfuscation(np.full((2, 3), 1 / 3)),
+    NonUniqueness(),
+    NonExistence(),
+    Infeasibility(),
+]
+
+
+@pytest.mark.parametrize(("measure", "name"), some(list(product(MEASURES, PROBLEMS)), 2), ids=str)
+def test_shipped_measures_keep_their_promises(measure, name):
+    check_privacy_measure(measure, PROBLEMS[name])
 
 
 def makers(problem):

@@ -23,6 +23,7 @@ from inscrutable import (
     simplex,
     simplex_grid,
 )
+from sizes import instances, some
 
 cp = pytest.importorskip("cvxpy")
 
@@ -223,7 +224,7 @@ def of_exponentials(rng, kind, size=4):
 def test_exponentials_are_solved_as_by_an_interior_point(kind, fresh_rng):
     u, costs = of_exponentials(fresh_rng, kind)
     problem = ConvexProblem(u, costs, simplex(4))
-    beliefs = np.vstack([np.eye(3), fresh_rng.dirichlet(np.ones(3), 3)])
+    beliefs = np.vstack([np.eye(3), fresh_rng.dirichlet(np.ones(3), 3)])[-instances(6, least=3) :]
     actions = problem.solve(beliefs)
     for belief, action in zip(beliefs, actions, strict=True):
         programme = cp.Problem(
@@ -239,7 +240,9 @@ def test_exponentials_are_solved_as_by_an_interior_point(kind, fresh_rng):
     assert found.regret <= 0.1 * abs(found.optimal_cost) + 1e-12
 
 
-@pytest.mark.parametrize(("power", "least"), [(1.5, 2.7 / 3.3), (2.5, 2.7 / 3.3), (3, 2.7 / 3.3), (4, 2.7 / 3.3)])
+@pytest.mark.parametrize(
+    ("power", "least"), some([(1.5, 2.7 / 3.3), (2.5, 2.7 / 3.3), (3, 2.7 / 3.3), (4, 2.7 / 3.3)], 2)
+)
 def test_a_power_has_its_slope_at_zero(power, least):
     """At (1,0,0) the powers of the others have slope 0: π explains it where g(π)_0 is the least, by hand."""
     u = cp.Variable(3)

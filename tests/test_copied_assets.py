@@ -34,6 +34,7 @@ from inscrutable import (
     simplex,
 )
 from inscrutable.problems.copied_coordinates import merged_copies
+from sizes import instances, some
 
 Array = NDArray[np.float64]
 Moments = tuple[Array, Array]  # means (X,U), covariances (X,U,U)
@@ -190,7 +191,7 @@ def cases() -> Iterator[object]:
                 yield pytest.param(kind, n_states, n_assets, budget, id=name)
 
 
-@pytest.mark.parametrize(("kind", "n_states", "n_assets", "budget"), list(cases()))
+@pytest.mark.parametrize(("kind", "n_states", "n_assets", "budget"), some(list(cases()), 4))
 def test_what_is_stated_is_found_from_the_decision(
     kind: Callable[[Moments], Moments], n_states: int, n_assets: int, budget: float
 ) -> None:
@@ -220,14 +221,14 @@ def test_assets_that_are_all_copies_hide_everything_and_nothing(budget: float) -
 @pytest.mark.parametrize("n_states", [2, 3, 4])
 def test_a_lottery_keeps_the_very_decision_of_the_single_one(n_states: int) -> None:
     """A decoy that has many decisions does not lead back to the one that was chosen: regrets follow the decision."""
-    for seed in range(3):
+    for seed in range(instances(3, least=1)):
         rng = np.random.default_rng([seed, n_states])
         problem, beliefs = market(rng, n_states, 5, two_pairs), drawn_beliefs(rng, n_states)
         Told(problem, MaximalObfuscation(), 0.02).check_all(beliefs[:1], decoy_grid(problem, 4))
 
 
 @pytest.mark.parametrize("n_states", [2, 3, 4])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(instances(3, least=1)))
 def test_copies_away_from_all_bounds_leave_a_decision_as_private_as_a_candidate(n_states: int, seed: int) -> None:
     """Decisions are tied inside the box: a face on which nothing climbs still has its candidates."""
     rng = np.random.default_rng([41, seed])

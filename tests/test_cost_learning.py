@@ -15,6 +15,7 @@ from inscrutable import (
     consistent_beliefs,
     simplex,
 )
+from sizes import instances
 
 BOUNDS = (0.05, 50.0)
 
@@ -25,7 +26,7 @@ def market(rng: np.random.Generator, n_states: int, n_assets: int) -> tuple[np.n
     return rng.normal(size=(n_states, n_assets)) * 0.03 + 0.05, covariances
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(instances(6, least=2)))
 def test_risk_aversion_is_recovered_from_decisions_that_hold_more_assets_than_states(seed: int) -> None:
     rng = np.random.default_rng([1, seed])
     n_states = 2 + seed % 2
@@ -100,7 +101,7 @@ def test_the_interval_holds_the_costs_whose_consistent_beliefs_are_not_empty(see
             assert learned.contains(value) == explained
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(instances(6, least=2)))
 def test_rounded_decisions_leave_an_interval_with_the_truth(seed: int) -> None:
     rng = np.random.default_rng([5, seed])
     n_states, n_assets = [(2, 4), (3, 4), (2, 3)][seed % 3]
@@ -145,7 +146,7 @@ def test_an_error_of_the_means_is_recovered() -> None:
     assert learned.parameter == pytest.approx(-0.37, rel=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(instances(2, least=1)))
 def test_the_union_holds_every_costs_consistent_beliefs(seed: int) -> None:
     rng = np.random.default_rng([8, seed])
     means, covariances = market(rng, 3, 3)

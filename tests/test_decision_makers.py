@@ -30,6 +30,7 @@ from inscrutable import (
 )
 from inscrutable.adversaries import consistent_sets
 from oracles import enumeration, markets
+from sizes import instances
 from strategies import belief_problem, drawn_problems, line_problem
 
 EXACT = 1e-12  # one inner product's rounding, relative to the cost's scale
@@ -66,7 +67,7 @@ def check_decision(problem, measure, belief, decision, limit):
 # --- properties over random problems ------------------------------------------------------------------------------------
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=instances(15), deadline=None)
 @given(drawn_problems(states=(2, 4), assets=(2, 8), spread=1.0, min_slack=1e-4), st.sampled_from([0.0, 0.02, 0.1, 1.0]))
 def test_what_every_decision_maker_promises(drawn, share):
     problem, belief = drawn.problem, drawn.belief
@@ -112,7 +113,7 @@ def check_mixture(problem, measure, belief, mixed, limit):
     assert mixed.status.value in mixed.summary()
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=instances(15), deadline=None)
 @given(drawn_problems(states=(2, 3), assets=(2, 6), spread=1.0, min_slack=1e-4), st.booleans())
 def test_more_budget_never_means_less_privacy(drawn, desired):
     measure = DesiredObfuscation(drawn.rng.dirichlet(np.ones(drawn.belief.size))) if desired else MaximalObfuscation()
@@ -132,7 +133,7 @@ def test_more_budget_never_means_less_privacy(drawn, desired):
     assert np.diff([mixed.expected_privacy for mixed in mixtures]).min() >= -1e-6
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=instances(30), deadline=None)
 @given(drawn_problems(states=(2, 4), assets=(2, 4), kinds=[{}], spread=1.0, min_slack=1e-4), st.booleans())
 def test_the_lottery_is_the_envelope_and_the_programme_on_its_candidates(drawn, by_action):
     candidates = action_grid(drawn.problem, 6) if by_action else decoy_grid(drawn.problem, 10)
@@ -502,7 +503,7 @@ def test_budgets_are_shares_of_the_size_of_the_cost():
 # --- against a dense search ------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=instances(8), deadline=None)
 @given(
     drawn_problems(states=(2, 4), assets=(2, 8), kinds=[{}], spread=1.0, min_slack=1e-4),
     st.sampled_from([0.003, 0.03, 0.3]),

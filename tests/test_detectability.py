@@ -28,6 +28,7 @@ from inscrutable import (
 from inscrutable.adversaries.plausibility import nearest_explanation, nearest_explanations
 from inscrutable.privacy.detection import area_under_curve
 from oracles import markets
+from sizes import instances
 from strategies import SEEDS, belief_problem, line_problem
 
 
@@ -60,7 +61,7 @@ def by_pairs(hiding, honest):
     return area
 
 
-@settings(max_examples=25)
+@settings(max_examples=instances(25))
 @given(SEEDS, st.sampled_from(["finite", "markowitz", "linear"]))
 def test_every_figure_is_its_definition(seed, kind):
     rng = np.random.default_rng(seed)

@@ -21,6 +21,7 @@ from inscrutable.experiments.disclosing import under_disclosures
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.mechanisms.disclosed import disclosed, shown_classes
 from inscrutable.reports.backtest import table_of
+from sizes import instances
 
 SEED = int(os.environ.get("FRESH_SEED", "7"))
 RNG = np.random.default_rng(SEED)
@@ -209,10 +210,11 @@ def test_less_shown_of_a_decision_never_tells_more() -> None:
 
 
 def test_rarer_and_later_never_tells_more() -> None:
-    for case in range(CASES):
-        chain, played = market(RNG)
-        for more, less in RARER if case < CASES // 2 else [pair for pair in SHORTER if "top" in pair[1]]:
-            # All sequences of five of at most five decisions are followed: figures without a sampling error.
+    """All sequences of five of at most five decisions are followed: figures without a sampling error."""
+    rng, count = np.random.default_rng([SEED, 5]), instances(CASES, least=4)
+    for case in range(count):
+        chain, played = market(rng)
+        for more, less in RARER if case < count // 2 else [pair for pair in SHORTER if "top" in pair[1]]:
             first, second = (
                 ins.path_leakage(chain, played, 5, rng=np.random.default_rng(0), n_draws=5**5, disclosure=each)
                 for each in (more, less)
@@ -488,6 +490,7 @@ def test_a_study_asks_observers_by_what_they_are_shown(tmp_path: Any) -> None:
         ins.Study.of(plan)
 
 
+@pytest.mark.usefixtures("coarse")
 def test_a_backtest_has_one_more_rival_where_a_disclosure_is_asked_for() -> None:
     draw = np.random.default_rng(0)
     spread = np.repeat([0.01, 0.05, 0.02, 0.05], 20)[:, None]
@@ -540,6 +543,7 @@ def test_the_verb_writes_a_table_and_a_picture(tmp_path: Any, capsys: pytest.Cap
     assert main([*asked, "--disclosures", "sometimes()"]) == 3
 
 
+@pytest.mark.usefixtures("coarse")
 def test_the_verb_makes_the_sequential_rule_for_each_schedule(
     tmp_path: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -10,8 +10,8 @@ In README.md, CONTRIBUTING.md, CHANGELOG.md and docs/, in the order of the page 
 * A word after the language changes that: `exit=3` is the expected exit code (errors are then compared too),
   `audit` leaves the block to `make audit`.
 
-* The scripts of docs/concepts and examples/ run with warnings as errors. Pictures are painted only in `make audit`: there, in
-  test_site.py, the pages of the scripts are made.
+* The scripts of docs/concepts and examples/ run with warnings as errors. Pictures are painted and the pages of results
+  written only in `make audit`: there, in test_site.py, the pages of the scripts are made.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ def check_page(text: str, page: str, folder: Path, *, audit: bool) -> None:
 
 
 @each_page
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "unpaged")
 def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     check_page(page.read_text("utf-8"), page.relative_to(ROOT).as_posix(), tmp_path, audit=False)

@@ -16,6 +16,7 @@ from inscrutable.decision_makers.envelope import (
 )
 from inscrutable.errors import InputError
 from oracles import enumeration, markets
+from sizes import instances
 from strategies import SEEDS, belief_problem, drawn_problems
 
 VALUES = st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0])
@@ -30,7 +31,7 @@ def points(draw_ties, rng, n):
     return regrets.astype(float), privacies.astype(float)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=instances(300), deadline=None)
 @given(SEEDS, st.integers(1, 25), st.booleans(), st.one_of(VALUES, st.floats(0, 4)))
 def test_envelope_and_programme_equal_all_pairs(seed, n, ties, limit):
     regrets, privacies = points(ties, np.random.default_rng(seed), n)
@@ -80,7 +81,7 @@ def test_the_price_is_the_dual_of_the_budget():
 # --- the frontier -------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=instances(30), deadline=None)
 @given(drawn_problems(states=(2, 3), assets=(2, 4), kinds=[{}], spread=1.0, min_slack=1e-4), st.booleans())
 def test_the_frontier_is_brute_force_over_its_candidates(drawn, by_action):
     candidates = (action_grid if by_action else decoy_grid)(drawn.problem, 8)

@@ -28,6 +28,7 @@ from inscrutable import (
     simplex,
 )
 from polyhedra import KINDS, random_problem
+from sizes import instances
 from strategies import line_problem
 
 
@@ -52,7 +53,7 @@ def feasible(region, rows):
 # --- nothing feasible -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("seed", range(instances(25, least=6)))
 def test_a_conflict_is_irreducible_and_its_amounts_resolve_it(seed):
     rng = np.random.default_rng(seed)
     size = int(rng.integers(2, 6))

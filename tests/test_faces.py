@@ -12,6 +12,7 @@ from inscrutable import Polyhedron, QuadraticProblem, box, simplex
 from inscrutable.decision_makers.search.partition import face_programme
 from inscrutable.geometry.cones import decomposed_rows, stationarity_rows
 from inscrutable.geometry.held_coordinates import held_coordinates
+from sizes import instances
 from strategies import SEEDS
 
 
@@ -49,7 +50,7 @@ def test_a_face_whose_rows_contradict_each_other_has_no_decision(region, rows):
 # --- stationarity rows --------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=instances(200), deadline=None)
 @given(SEEDS, st.integers(1, 12), st.integers(0, 12), st.integers(0, 2), st.integers(0, 3), st.booleans())
 def test_rows_are_those_of_the_decomposition(seed, size, n_bounds, n_general, n_equal, repeated):
     """Independent rows: P and Q agree entry by entry, in the order of the active rows, repeats merged."""
@@ -131,7 +132,7 @@ def regions(rng, size):
     ]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=instances(100), deadline=None)
 @given(SEEDS, st.integers(3, 9), st.integers(1, 4), st.integers(0, 5))
 def test_a_face_programme_says_what_the_problem_says(seed, size, n_states, kind):
     """Costs, gradients, multipliers and slacks at any point of the face are those of the problem."""

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from inscrutable.errors import InputError, ModelError
 from inscrutable.filtering import BeliefFilter, filter_beliefs
 from inscrutable.worlds import CategoricalEmission, GaussianEmission, HiddenMarkovModel
+from sizes import instances
 
 
 def sparse_rows(rng: np.random.Generator, n_rows: int, n_columns: int) -> np.ndarray:
@@ -64,7 +65,7 @@ def by_enumeration(world: HiddenMarkovModel, observations: np.ndarray, t: int) -
 
 
 @given(st.integers(1, 4), st.integers(1, 6), st.booleans(), st.integers(0, 100_000))
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=instances(120), deadline=None)
 def test_equals_enumeration_of_all_paths(n_states: int, n_steps: int, gaussian: bool, seed: int) -> None:
     world = random_world(seed, n_states, gaussian)
     observations = world.sample(n_steps, rng=np.random.default_rng(seed)).observations

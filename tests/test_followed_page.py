@@ -21,7 +21,6 @@ GRID = 8
 def found() -> Backtest:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(backtest_sequential, "_MOST_BELIEFS", GRID)
-        patch.setattr(backtest_sequential, "_OTHER_DRAWS", 1)
         return backtest(2, None, sequential=True)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -16,6 +18,7 @@ from inscrutable import (
     privacy_frontier,
     random_candidates,
 )
+from sizes import some
 from test_indicators import KINDS, beliefs_of, problem_of
 
 REGRETS = np.concatenate([[0.0], np.geomspace(1e-9, 3.0, 60)])
@@ -57,8 +60,7 @@ def best_mixture(regrets, privacies, limit):
     return best
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("source", ["decoys", "actions", "draws"])
+@pytest.mark.parametrize(("kind", "source"), some(list(product(KINDS, ["decoys", "actions", "draws"])), 4))
 def test_the_frontier_is_its_definition(kind, source):
     problem = problem_of(kind)
     rng = np.random.default_rng(2)

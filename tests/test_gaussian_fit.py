@@ -17,6 +17,7 @@ from inscrutable.filtering import filter_beliefs
 from inscrutable.worlds import FittedWorld, GaussianEmission, HiddenMarkovModel, fit_gaussian_hmm
 from inscrutable.worlds.baum_welch import Climb, standardised
 from inscrutable.worlds.covariances import SampleCovariance
+from sizes import instances
 
 MEANS = np.array([[0.01, 0.02], [0.0, -0.01], [-0.05, 0.03]])
 COVARIANCES = np.array([0.01**2 * np.eye(2), 0.04**2 * np.array([[1.0, 0.5], [0.5, 1.0]]), 0.15**2 * np.eye(2)])
@@ -106,7 +107,7 @@ class TestSeparatedWorld:
 
     def test_every_seed_finds_it(self, fitted: FittedWorld) -> None:
         short = self.path.observations[:800]
-        found = [fit(short, 3, seed, n_restarts=3) for seed in range(5)]
+        found = [fit(short, 3, seed, n_restarts=3) for seed in range(instances(5, least=2))]
         assert np.ptp([each.log_likelihood for each in found]) < 1e-3
         for each in found[1:]:
             assert gaussian(each).means == pytest.approx(gaussian(found[0]).means, abs=1e-4)
@@ -248,7 +249,7 @@ class TestDegenerate:
         assert sorted(gaussian(fitted).means[:, 0]) == pytest.approx([0.0, 1.0, 5.0], abs=1e-6)
 
     @given(st.integers(0, 10_000), st.integers(1, 4), st.integers(1, 4), st.floats(-6, 6))
-    @settings(max_examples=25, deadline=None)
+    @settings(max_examples=instances(25), deadline=None)
     def test_never_nan(self, seed: int, n_states: int, n_dims: int, magnitude: float) -> None:
         rng = np.random.default_rng(seed)
         rows = rng.standard_t(2, size=(int(rng.integers(5, 60)), n_dims)) * 10.0**magnitude

@@ -13,6 +13,7 @@ from scipy.optimize import minimize
 from inscrutable import BeliefSet, InputError, simplex_grid
 from inscrutable.geometry.cones import stationarity_rows
 from oracles import consistent
+from sizes import instances
 from strategies import SEEDS
 
 # --- grids --------------------------------------------------------------------------------------------------------------
@@ -165,7 +166,7 @@ def random_set(rng, n, n_equal, n_rows):
     return inside, equalities / scale, inequalities / scale
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=instances(200), deadline=None)
 @given(SEEDS, st.integers(2, 6), st.integers(0, 3), st.integers(0, 6))
 def test_random_sets_project_as_a_general_solver_does(seed, n, n_equal, n_rows):
     assume(n_equal <= n - 1)

@@ -24,6 +24,7 @@ from inscrutable.decision_makers.proofs.fibres import Fibres
 from inscrutable.decision_makers.proofs.growth_cells import GrowthCells, _log_gaps, whitened_growth
 from inscrutable.decision_makers.proofs.oracle_points import OraclePoints
 from oracles.horse_race import farthest_stake
+from sizes import instances, some
 from strategies import cell_around, random_cell
 
 PROVEN = (DecisionStatus.PROVED, DecisionStatus.GAP_REACHED)
@@ -60,7 +61,7 @@ def cells_of(problem, belief):
     return None if form is None else GrowthCells(problem, points, form)
 
 
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", range(instances(24, least=4)))
 def test_bounds_on_cells_hold_for_sampled_beliefs(seed):
     """Decisions, gradients and regrets between corners; and where no fibre ends all beliefs have a nearer one beside them."""
     rng = np.random.default_rng([20270501, seed])
@@ -99,7 +100,7 @@ def test_bounds_on_cells_hold_for_sampled_beliefs(seed):
             assert (distances < np.linalg.norm(beliefs - belief, axis=1)).all()
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(instances(8, least=2)))
 def test_a_cell_with_the_nearest_belief_of_a_decision_is_never_left_out(seed):
     rng = np.random.default_rng([20270503, seed])
     n_states = 3 + seed % 2
@@ -217,7 +218,9 @@ def proofs_of(problem, belief, budget, calls=10_000):
     return single.decide(belief), lottery.decide(belief)
 
 
-@pytest.mark.parametrize(("n_states", "n_assets", "seed"), [(2, 4, 0), (3, 2, 0), (3, 3, 0), (3, 3, 1), (3, 5, 2)])
+@pytest.mark.parametrize(
+    ("n_states", "n_assets", "seed"), some([(2, 4, 0), (3, 2, 0), (3, 3, 0), (3, 3, 1), (3, 5, 2)], 2)
+)
 def test_bounds_are_above_a_scan_and_near_what_is_reached(n_states, n_assets, seed):
     rng = np.random.default_rng([20270507, n_states, n_assets, seed])
     problem = growth(rng, n_states, n_assets)
@@ -235,7 +238,7 @@ def test_bounds_are_above_a_scan_and_near_what_is_reached(n_states, n_assets, se
     assert mixed.privacy_bound <= 1.0101 * max(mixed.expected_privacy, 0.01)
 
 
-@pytest.mark.parametrize("n_states", [2, 3, 4])
+@pytest.mark.parametrize("n_states", [2, 3, pytest.param(4, marks=pytest.mark.audit)])
 def test_a_horse_race_is_a_closed_form(n_states):
     """u* = π and the regret is the divergence: rays from the belief are searched for the farthest stake in it."""
     rng = np.random.default_rng([20270511, n_states])

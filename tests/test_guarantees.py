@@ -42,6 +42,7 @@ from inscrutable.decision_makers.aware.guaranteed_programme import lower_bound
 from inscrutable.experiments.comparison_markets import market_of
 from inscrutable.linear_programmes import Rows
 from oracles import leakages
+from sizes import instances
 from strategies import SEEDS
 
 Array = NDArray[np.float64]
@@ -159,7 +160,7 @@ def test_secrets_alike_cost_what_the_closed_form_says(n: int, nats: float) -> No
         assert round(2.0 / (2.0 + np.e), 3) == 0.424  # what randomized response at the same number leaves
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=instances(12), deadline=None)
 @given(SEEDS)
 def test_a_cone_programme_agrees_on_choices(seed: int) -> None:
     rng = np.random.default_rng([seed, FRESH])
@@ -204,7 +205,7 @@ def test_any_prices_bound_the_least_regret_from_below(seed: int) -> None:
     assert lower_bound((n_beliefs, n_columns), objective, kept, prices) <= objective @ table.ravel() + 1e-9
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=instances(6), deadline=None)
 @given(SEEDS)
 def test_prices_are_slopes(seed: int) -> None:
     """A price lies between the slopes of the least regret on both sides, up to how it bends within a step."""
@@ -251,7 +252,7 @@ def test_the_floor_on_average_is_the_inverse_of_the_largest_error(limit: float) 
     assert found.regret == pytest.approx(limit, abs=1e-5)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=instances(30), deadline=None)
 @given(SEEDS)
 def test_facts_that_hold_for_every_mechanism(seed: int) -> None:
     """A pointwise cap implies the others: maximal leakage, information, and guesses right e^ε times as often at most."""
@@ -275,7 +276,7 @@ def test_facts_that_hold_for_every_mechanism(seed: int) -> None:
     assert SquaredErrorFloor(0.0).reached(played, prior, problem) <= found.bayes_error**2 + MET
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=instances(6), deadline=None)
 @given(SEEDS)
 def test_contradictions_are_irreducible(seed: int) -> None:
     rng = np.random.default_rng([seed, FRESH])
@@ -397,7 +398,7 @@ def test_arguments_are_checked() -> None:
         least_regret(problem, prior, [], gap=0.0)
 
 
-@pytest.mark.parametrize("seed", [FRESH + 700 + each for each in range(12)])
+@pytest.mark.parametrize("seed", [FRESH + 700 + each for each in range(instances(12, least=3))])
 def test_decisions_that_join_as_they_are_needed_come_to_the_same(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(seed)
     problem, prior = market(rng), uniform_prior(3, 5)

@@ -16,6 +16,7 @@ import inscrutable as ins
 from inscrutable import HerdStatus, InputError, social_learning
 from inscrutable.experiments.herding.signals import signals_of
 from inscrutable.reports.herding import write_herding
+from sizes import instances
 
 SEED = int(os.environ.get("FRESH_SEED", "11"))
 GUESS = ins.FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
@@ -172,7 +173,7 @@ def random_case(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.nd
     return costs, table / table.sum(axis=1, keepdims=True), prior / prior.sum()
 
 
-@pytest.mark.parametrize("case", range(12))
+@pytest.mark.parametrize("case", range(instances(12, least=4)))
 def test_exact_mode_is_an_enumeration_of_all_paths(case: int) -> None:
     """Cascades, regrets, prices and leakages of two or three agents, who may have different rules."""
     rng = np.random.default_rng([SEED, case])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -27,6 +29,7 @@ from inscrutable.decision_makers.candidate_sources import near_decoys
 from inscrutable.decision_makers.indicators import Indicator, IndicatorTable
 from inscrutable.geometry import BeliefSet
 from oracles import markets
+from sizes import some
 from strategies import long_only
 
 
@@ -70,20 +73,19 @@ def beliefs_of(n_states: int, count: int = 5) -> np.ndarray:
     return np.vstack([inside, edge, np.eye(n_states)[:1], np.full((1, n_states), 1.0 / n_states)])
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("budget", [0.1, Budget.regret(1e-5), Budget.regret(0.0)], ids=str)
-@pytest.mark.parametrize(
-    ("streamed", "defined"),
-    [
-        (NonUniqueness(), SetBySetUniqueness()),
-        (NonExistence(), SetBySetExistence()),
-        (NonExistence(0.0), SetBySetExistence(0.0)),
-        (NonExistence(0.2), SetBySetExistence(0.2)),
-        (Infeasibility(0.0), SetBySetFeasibility(0.0)),
-    ],
-    ids=repr,
-)
-def test_the_stream_decides_as_the_search_set_by_set(kind, budget, streamed, defined):
+BUDGETS = [0.1, Budget.regret(1e-5), Budget.regret(0.0)]
+GOALS = [
+    (NonUniqueness(), SetBySetUniqueness()),
+    (NonExistence(), SetBySetExistence()),
+    (NonExistence(0.0), SetBySetExistence(0.0)),
+    (NonExistence(0.2), SetBySetExistence(0.2)),
+    (Infeasibility(0.0), SetBySetFeasibility(0.0)),
+]
+
+
+@pytest.mark.parametrize(("kind", "budget", "goal"), some(list(product(KINDS, BUDGETS, GOALS)), 4), ids=str)
+def test_the_stream_decides_as_the_search_set_by_set(kind, budget, goal):
+    streamed, defined = goal
     problem = problem_of(kind)
     beliefs = beliefs_of(problem.n_states)
     if isinstance(streamed, Infeasibility):
@@ -216,12 +218,12 @@ def test_the_same_bytes_for_any_number_of_threads(monkeypatch, measure):
 @pytest.mark.parametrize("measure", [NonExistence(), Infeasibility()], ids=repr)
 def test_progress_ends_at_the_end_and_an_interrupt_is_passed_on(measure):
     problem = problem_of("plain")
-    beliefs = np.random.default_rng(1).dirichlet(np.ones(3), 200)
+    beliefs = np.random.default_rng(1).dirichlet(np.ones(3), 40)
     chooser = CounterAdversarialDecisionMaker(problem, measure, candidates=random_candidates(
         problem, 50, rng=np.random.default_rng(2)))  # fmt: skip
     seen = []
     chooser.decide_many(beliefs, progress=lambda done, of: seen.append((done, of)))
-    assert seen[-1] == (200, 200)
+    assert seen[-1] == (40, 40)
     assert seen == sorted(seen)
 
     def interrupt(done, of):

@@ -23,6 +23,7 @@ from inscrutable import (
     plausibility_gap,
 )
 from oracles import markets
+from sizes import instances
 from strategies import SEEDS, cost_scale, long_only
 
 SAME_PRIVACY = 1e-6  # two searches of one optimum
@@ -67,7 +68,7 @@ def assert_same(first, second, *, unit=1.0):
         assert other_mixed.price * unit == pytest.approx(mixed.price, rel=1e-2, abs=1e-6)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=instances(15), deadline=None)
 @given(SEEDS, MEASURES)
 def test_the_order_of_states_does_not_matter(seed, kind):
     rng, market, problem, belief, target, limit, measure = setting(seed, kind)
@@ -82,7 +83,7 @@ def test_the_order_of_states_does_not_matter(seed, kind):
     assert_same(first, decisions(other, belief[order], measure_of(kind, target, order), limit))
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=instances(15), deadline=None)
 @given(SEEDS, MEASURES)
 def test_the_order_of_assets_does_not_matter(seed, kind):
     rng, market, problem, belief, target, limit, measure = setting(seed, kind)
@@ -97,7 +98,7 @@ def test_the_order_of_assets_does_not_matter(seed, kind):
     assert_same(decisions(problem, belief, measure, limit), decisions(other, belief, measure, limit))
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=instances(15), deadline=None)
 @given(SEEDS, MEASURES, st.sampled_from([-3.0, 0.5, 40.0]), st.booleans())
 def test_a_constant_added_to_the_costs_does_not_matter(seed, kind, constant, per_state):
     """In units of regret; c* itself, and with it a budget that is a share of it, does change."""
@@ -118,7 +119,7 @@ def test_a_constant_added_to_the_costs_does_not_matter(seed, kind, constant, per
         np.testing.assert_allclose(second[0].regret, first[0].regret, atol=1e-9)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=instances(15), deadline=None)
 @given(SEEDS, MEASURES, st.sampled_from([1e-4, 0.01, 7.0, 1e5]))
 def test_the_unit_of_the_costs_does_not_matter(seed, kind, unit):
     _, market, problem, belief, target, limit, measure = setting(seed, kind)

@@ -23,6 +23,7 @@ from inscrutable import (
     uniform_prior,
 )
 from oracles import leakages as oracle
+from sizes import instances
 from strategies import SEEDS, belief_problem
 
 MEASURES = ("mutual_information", "min_entropy_leakage", "maximal_leakage")
@@ -72,7 +73,7 @@ def plain(prior: Prior, played: Mechanism):
 # --- against the definitions --------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=150)
+@settings(max_examples=instances(150))
 @given(drawn())
 def test_every_figure_is_its_definition(case):
     found = leakage(case.mechanism, case.prior)
@@ -136,7 +137,7 @@ def test_bounds(case):
     assert found.worst_expected_regret <= found.worst_regret + 1e-12
 
 
-@settings(max_examples=100)
+@settings(max_examples=instances(100))
 @given(drawn())
 def test_merging_decisions_never_leaks_more(case):
     played = case.mechanism
@@ -151,7 +152,7 @@ def test_merging_decisions_never_leaks_more(case):
     assert less.bayes_error >= more.bayes_error - 1e-9
 
 
-@settings(max_examples=100)
+@settings(max_examples=instances(100))
 @given(drawn())
 def test_maximal_leakage_is_the_largest_min_entropy_leakage_of_any_prior(case):
     played = case.mechanism

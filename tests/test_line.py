@@ -20,6 +20,7 @@ from inscrutable import (
 )
 from oracles import enumeration, markets
 from oracles.markets import Market
+from sizes import instances
 
 Array = NDArray[np.float64]
 
@@ -131,7 +132,7 @@ def draw(seed: int) -> tuple[Market, Array, float]:
     return market, belief, float(rng.choice([1e-5, 3e-4, 0.003, 0.03, 0.3])) * abs(enumeration.value(market, belief)[0])
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(instances(60)))
 def test_no_decision_that_enumeration_reaches_is_missed(seed: int) -> None:
     market, belief, budget = draw(seed)
     problem = MarkowitzProblem(*market)

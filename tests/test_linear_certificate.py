@@ -27,6 +27,7 @@ from inscrutable.problems import LinearForm
 from inscrutable.problems.piecewise_linear import PiecewiseLinearProblem
 from inscrutable.testing import check_decision_problem
 from oracles import tied
+from sizes import instances
 from strategies import OwnShares
 
 
@@ -94,10 +95,10 @@ def check(problem, belief, limit, target=None):
     return single, mixed
 
 
-@pytest.mark.parametrize("block", range(2))
+@pytest.mark.parametrize("block", range(instances(2, least=1)))
 def test_bounds_are_the_suprema_over_all_faces(block):
     open_ones = 0
-    for seed in range(20 * block, 20 * block + 20):
+    for seed in range(20 * block, 20 * block + instances(20)):
         problem, belief, limit, _ = drawn(seed)
         single, mixed = check(problem, belief, limit)
         open_ones += (single.status is DecisionStatus.BOUNDED) + (mixed.status is DecisionStatus.BOUNDED)
@@ -116,14 +117,14 @@ def test_bounds_are_the_suprema_over_all_faces_of_many_problems(capsys):
     assert open_ones <= 0.02 * len(checked)
 
 
-@pytest.mark.parametrize("block", range(2))
+@pytest.mark.parametrize("block", range(instances(2, least=1)))
 def test_bounds_of_a_target_are_the_suprema_over_all_faces(block):
-    for seed in range(1000 + 6 * block, 1006 + 6 * block):
+    for seed in range(1000 + 6 * block, 1000 + 6 * block + instances(6, least=3)):
         problem, belief, limit, rng = drawn(seed)
         check(problem, belief, limit, rng.dirichlet(np.ones(len(belief))))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(instances(6, least=2)))
 def test_choices_that_may_be_mixed_have_the_suprema_of_shares(seed):
     rng = np.random.default_rng([20270506, seed])
     costs = rng.integers(0, 6, (3, 5)) if seed % 2 else rng.uniform(0, 5, (3, 5))
@@ -207,7 +208,7 @@ def test_riskless_portfolios_have_the_bounds_of_their_linear_costs():
         assert first.status in (DecisionStatus.PROVED, DecisionStatus.GAP_REACHED)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(instances(5, least=2)))
 def test_mixtures_among_the_candidates_reach_the_suprema_without_a_proof(seed):
     """However coarse the grid of decoys is: vertices that none of them leads to are found."""
     rng = np.random.default_rng([20270507, seed])
@@ -230,7 +231,7 @@ class ToldShares(OwnShares):
         return LinearForm(self.costs, self.constraints)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(instances(4, least=2)))
 def test_linear_costs_of_a_users_own(seed):
     """Told of, they are proved as exactly; not told of, the bound stands above: at the border more might be tied."""
     rng = np.random.default_rng([20270508, seed])
@@ -243,7 +244,7 @@ def test_linear_costs_of_a_users_own(seed):
         assert found.privacy_bound <= np.linalg.norm(np.eye(3) - belief, axis=1).max() + 1e-9
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(instances(3, least=1)))
 def test_bounds_of_costs_with_kinks_are_above_all_decisions_of_a_grid(seed):
     rng = np.random.default_rng([20270509, seed])
     slopes, offsets = rng.normal(size=(3, 4, 3)), rng.normal(size=(3, 4))

@@ -23,6 +23,7 @@ from inscrutable import (
     plausibility_gap,
     simplex,
 )
+from sizes import instances
 from strategies import SEEDS
 
 EXACT = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
@@ -103,7 +104,7 @@ def some_actions(corners, rng):
     return np.vstack([corners[:5], corners[pairs].mean(axis=1), mixed])
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=instances(20), deadline=None)
 @given(SEEDS)
 def test_the_least_regret_is_that_over_all_vertices(seed):
     problem, belief, rng = drawn(seed)
@@ -120,7 +121,7 @@ def test_the_least_regret_is_that_over_all_vertices(seed):
                 assert Infeasibility(margin)(belief, found) == (0.0 if reached else -np.inf)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=instances(15), deadline=None)
 @given(SEEDS)
 def test_unexplained_decisions_are_as_cheap_as_can_be(seed):
     problem, belief, _ = drawn(seed)

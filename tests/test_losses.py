@@ -37,6 +37,7 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.mechanisms.chains import resting_chain
+from sizes import instances
 from strategies import SEEDS
 from test_leakage import drawn
 from test_rate_distortion import market, silence
@@ -69,7 +70,7 @@ def by_loops(costs: Array, prior: Prior, table: Array) -> dict[str, float]:
 # --- leakage ------------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60)
+@settings(max_examples=instances(60))
 @given(drawn(), st.integers(1, 5), st.sampled_from([0.0, 1e6]))
 def test_worths_are_their_definitions(case, n_answers, common):
     n_states = case.prior.beliefs.shape[1]
@@ -211,7 +212,7 @@ def by_programme(prior: Prior, regrets: Array, limit: float, costs: Array) -> fl
     return -float(linprog(objective, np.array(rows), sides, sums, np.ones(n_beliefs), bounds=bounds).fun)
 
 
-@settings(max_examples=40)
+@settings(max_examples=instances(40))
 @given(SEEDS, st.integers(2, 3), st.integers(1, 16), st.sampled_from([0.0, 0.05, 0.3, 2.0]), st.booleans())
 def test_a_programme_over_all_answers_agrees(seed, n_states, n_answers, share, ties):
     rng = np.random.default_rng(seed)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import redirect_stdout
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +30,7 @@ from inscrutable import (
 from inscrutable.decision_makers.search import partition
 from inscrutable.kernels import threads
 from oracles.enumeration import upper_concave_envelope
+from sizes import some
 
 Array = NDArray[np.float64]
 
@@ -70,7 +73,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("shape", "sign", "budget"), CASES)
+@pytest.mark.parametrize(("shape", "sign", "budget"), some(CASES, 2))
 def test_every_atom_is_what_the_adversary_sees(shape: tuple[int, int], sign: float, budget: float) -> None:
     case = told(shape, sign, budget)
     problem, mixed = case.maker.problem, case.mixed
@@ -97,7 +100,7 @@ def test_every_atom_is_what_the_adversary_sees(shape: tuple[int, int], sign: flo
         assert one.expected_privacy <= one.privacy_bound
 
 
-@pytest.mark.parametrize(("shape", "sign", "budget"), CASES)
+@pytest.mark.parametrize(("shape", "sign", "budget"), some(CASES, 2))
 def test_no_worse_than_the_grid_nor_than_a_single_decision(shape: tuple[int, int], sign: float, budget: float) -> None:
     case = told(shape, sign, budget, count=6, seed=1)
     problem, candidates = case.maker.problem, case.maker.candidates
@@ -150,7 +153,7 @@ def test_indexing_padding_and_all_actions_at_once() -> None:
 def test_sample_draws_the_atoms_by_their_probabilities() -> None:
     case = told((3, 5), 1.0, 0.05, count=40)
     step = int(np.argmin(np.abs(case.mixed.probabilities[:, 1] - 0.5)))
-    many = case.maker.decide_many(np.repeat(case.beliefs[step : step + 1], 4000, axis=0))
+    many = case.maker.decide_many(np.repeat(case.beliefs[step : step + 1], 2000, axis=0))
     drawn = many.sample(rng=np.random.default_rng(1))
     again = many.sample(rng=np.random.default_rng(1))
     assert np.array_equal(drawn.action, again.action)
@@ -202,15 +205,15 @@ FIELDS = ("probabilities", "regrets", "privacies", "decoys", "actions", "price",
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_same_bytes_for_any_number_of_threads(sign: float, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(5)
-    problem, beliefs = market(3, 4, rng), rng.dirichlet(np.ones(3), 1500)  # six chunks
+    problem, beliefs = market(3, 4, rng), rng.dirichlet(np.ones(3), 600)  # three chunks
     measure = MaximalObfuscation() if sign > 0 else DesiredObfuscation(rng.dirichlet(np.ones(3)))
     maker = ProbabilisticDecisionMaker(problem, measure, 0.05, candidates=decoy_grid(problem, 10))
     results = []
-    for count in (1, 2, 4):
+    for count in (1, 4):
         monkeypatch.setattr(threads, "thread_count", lambda count=count: count)
         mixed = maker.decide_many(beliefs)
         results.append([getattr(mixed, name).tobytes() for name in FIELDS])
-    assert results[0] == results[1] == results[2]
+    assert results[0] == results[1]
 
 
 TINY = """
@@ -261,7 +264,9 @@ def test_threads_of_a_user_share_candidates(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_the_same_numbers_without_compilation() -> None:
     script = TINY.format(tests=os.path.dirname(__file__))
-    compiled, plain = json.loads(run(script)), json.loads(run(script, NUMBA_DISABLE_JIT="1"))
+    with redirect_stdout(io.StringIO()) as printed:
+        exec(script, {})
+    compiled, plain = json.loads(printed.getvalue()), json.loads(run(script, NUMBA_DISABLE_JIT="1"))
     for one, other in zip(compiled, plain, strict=True):
         for ours, theirs in zip(one, other, strict=True):
             np.testing.assert_allclose(ours, theirs, atol=1e-7)
@@ -308,15 +313,15 @@ def test_progress_rises_to_the_end() -> None:
 
 
 def test_progress_goes_on_over_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("inscrutable.decision_makers.search.lottery_search._BLOCK", 300)
+    monkeypatch.setattr("inscrutable.decision_makers.search.lottery_search._BLOCK", 100)
     case = told((3, 3), 1.0, 0.05, count=2)
     seen: list[tuple[int, int]] = []
-    beliefs = np.random.default_rng(0).dirichlet(np.ones(3), 1000)
+    beliefs = np.random.default_rng(0).dirichlet(np.ones(3), 350)
     blocks = case.maker.decide_many(beliefs, progress=lambda done, count: seen.append((done, count)))
     done = [steps for steps, _ in seen]
     assert done == sorted(done)
-    assert seen[-1] == (1000, 1000)
-    assert {300, 600, 900} <= set(done)
+    assert seen[-1] == (350, 350)
+    assert {100, 200, 300} <= set(done)
     monkeypatch.undo()
     whole = case.maker.decide_many(beliefs)
     np.testing.assert_allclose(blocks.expected_privacy, whole.expected_privacy, atol=1e-12)
@@ -324,7 +329,7 @@ def test_progress_goes_on_over_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_an_interrupt_ends_the_run_and_the_next_one_works() -> None:
     case = told((3, 3), 1.0, 0.05, count=2)
-    beliefs = np.random.default_rng(0).dirichlet(np.ones(3), 1500)
+    beliefs = np.random.default_rng(0).dirichlet(np.ones(3), 600)
 
     def interrupt(done: int, count: int) -> None:
         raise KeyboardInterrupt

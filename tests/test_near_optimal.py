@@ -16,6 +16,7 @@ from inscrutable import (
     simplex_grid,
 )
 from oracles import enumeration
+from sizes import instances
 from strategies import belief_problem, cost_scale, drawn_problems, line_problem
 
 FINE = 200  # grid steps: a distance of 1/200 per coordinate
@@ -48,7 +49,7 @@ def test_the_gap_by_hand():
     assert plausibility_gap(line_problem([4.0, 0.0]), [1.0, 0.0]) == pytest.approx(0, abs=1e-9)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=instances(40), deadline=None)
 @given(drawn_problems(states=(2, 2), assets=(2, 5), kinds=[{}], spread=1.0))
 def test_the_gap_is_that_of_a_scalar_minimisation(drawn):
     action = drawn.rng.dirichlet(np.ones(drawn.problem.n_actions))
@@ -66,7 +67,7 @@ def test_the_gap_is_that_of_a_scalar_minimisation(drawn):
     assert plausibility_gap(drawn.problem, action) == pytest.approx(max(expected, 0), abs=1e-8 * scale)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=instances(15), deadline=None)
 @given(drawn_problems(states=(3, 3), assets=(2, 4), kinds=[{}], spread=1.0))
 def test_the_gap_is_below_a_dense_grid_and_above_its_planes(drawn):
     """Between the least of a grid and the least of the planes that touch −V at the grid: two independent bounds."""
@@ -85,7 +86,7 @@ def test_the_gap_is_below_a_dense_grid_and_above_its_planes(drawn):
     assert answer.fun * scale - tolerance <= gap <= upper + tolerance
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=instances(60), deadline=None)
 @given(drawn_problems(states=(2, 5), assets=(2, 8), spread=1.0))
 def test_the_gap_is_zero_exactly_where_some_belief_explains(drawn):
     action = drawn.problem.solve(drawn.belief)
@@ -130,7 +131,7 @@ def test_a_disc_in_closed_form():
     assert (problem.regret(found.vertices(), found.action) <= 1.011 * found.regret).all()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=instances(25), deadline=None)
 @given(drawn_problems(states=(2, 2), assets=(2, 4), kinds=[{}], spread=1.0))
 def test_two_states_bounds_are_those_of_a_fine_grid(drawn):
     action, epsilon = some_action(drawn, 0.3)
@@ -152,7 +153,7 @@ def test_two_states_bounds_are_those_of_a_fine_grid(drawn):
             assert found.contains([share, 1 - share]) == is_in
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=instances(8), deadline=None)
 @given(drawn_problems(states=(3, 3), assets=(2, 3), kinds=[{}], spread=1.0))
 def test_three_states_bounds_and_distances_are_those_of_a_fine_grid(drawn):
     action, epsilon = some_action(drawn, 0.3)
@@ -173,7 +174,7 @@ def test_three_states_bounds_and_distances_are_those_of_a_fine_grid(drawn):
     assert np.linalg.norm(target - nearest) == pytest.approx(found.distance(target), abs=1e-12)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=instances(25), deadline=None)
 @given(drawn_problems(states=(2, 4), assets=(2, 8), spread=1.0))
 def test_contains_is_regret_and_sets_are_nested(drawn):
     action, large = some_action(drawn, 0.5)

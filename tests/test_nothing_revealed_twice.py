@@ -16,6 +16,7 @@ import pytest
 
 from inscrutable import Budget, FiniteProblem, PriceCalibration, Prior, SequentialDecisionMaker
 from inscrutable.mechanisms.chains import resting_chain
+from sizes import instances
 
 GAP = 2e-6
 """What the cone programme resolves, relative to the prior's loss."""
@@ -139,7 +140,7 @@ def instance(rng: np.random.Generator, share: float, *, capped: bool) -> Instanc
 @pytest.mark.parametrize("share", [LEAST, 0.1, np.inf])
 def test_the_second_decision_tells_nothing(share: float, capped: bool, fresh_rng: np.random.Generator) -> None:
     told = 0
-    for _ in range(5):
+    for _ in range(instances(5, least=2)):
         held = instance(fresh_rng, share, capped=capped)
         law, beliefs, step = held.prior.weights, held.prior.beliefs, held.step()
         allowed_gap = GAP * (1.0 if np.isinf(share) else held.prior.error**2)
@@ -180,7 +181,7 @@ def test_without_a_price_of_information_the_error_alone_counts(capped: bool, fre
 def test_after_a_hundred_decisions_the_error_is_that_after_one(share: float, fresh_rng: np.random.Generator) -> None:
     held = instance(fresh_rng, share, capped=False)
     beliefs = held.prior.beliefs
-    for place in fresh_rng.choice(len(beliefs), size=2, replace=False):
+    for place in fresh_rng.choice(len(beliefs), size=instances(2, least=1), replace=False):
         sequence, law, means = held.rule.begin(), held.prior.weights, []
         for _ in range(100):
             table = rows(sequence, beliefs)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -36,8 +38,10 @@ from inscrutable.decision_makers.candidate_sources import default_decoys
 from inscrutable.decision_makers.probabilistic import LinearProgramme
 from oracles.large_markets import large_market
 from oracles.markets import random_market
+from sizes import some
 
 SIZES = {2: 6, 3: 15, 4: 20, 5: 20, 6: 20}  # assets by states
+MARKETS = list(product(["ordinary", "concentrated"], SIZES))
 SAME = 1e-6  # relative difference of privacies that are the same
 LEAST = 1e-2  # privacy below which differences are relative to it
 
@@ -78,8 +82,7 @@ def scale_of(problem, beliefs):
     return float(np.abs(problem.state_costs(problem.solve(beliefs))).max())
 
 
-@pytest.mark.parametrize("n_states", SIZES)
-@pytest.mark.parametrize("kind", ["ordinary", "concentrated"])
+@pytest.mark.parametrize(("kind", "n_states"), some(MARKETS, 2))
 def test_a_lottery_is_never_worse_than_a_single_decision(kind, n_states, fresh_rng):
     problem = market(kind, n_states, fresh_rng)
     candidates = default_decoys(problem)
@@ -94,8 +97,7 @@ def test_a_lottery_is_never_worse_than_a_single_decision(kind, n_states, fresh_r
         assert (regrets <= 0.1 * np.abs(mixed.optimal_cost) * (1.0 + 1e-9)).all()
 
 
-@pytest.mark.parametrize("n_states", SIZES)
-@pytest.mark.parametrize("kind", ["ordinary", "concentrated"])
+@pytest.mark.parametrize(("kind", "n_states"), some(MARKETS, 3))
 def test_distances_are_decided_alone_as_among_many_in_any_order(kind, n_states, fresh_rng, monkeypatch):
     problem = market(kind, n_states, fresh_rng)
     beliefs = fresh_rng.dirichlet(np.ones(n_states), 100 if n_states < 4 else 3)

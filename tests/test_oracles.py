@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from oracles import consistent, enumeration, markets, optimum
+from sizes import instances
 
 SEEDS = st.integers(0, 2**32 - 1)
 DEGENERATE = [{}, {"duplicate": True}, {"singular": True}, {"scale_spread": 2.0}, {"positive_value": True}]
@@ -174,7 +175,7 @@ def test_tight_rows_follow_the_smallest_slack():
 @pytest.mark.parametrize("kind", DEGENERATE, ids=str)
 def test_lifted_queries_agree_with_the_vertices(kind):
     rng = np.random.default_rng(11)
-    for _ in range(40):
+    for _ in range(instances(40)):
         belief, system = optimal_system(rng, **kind)
         corners = consistent.vertices(system)
         assert consistent.smallest_residual(system) < 1e-12

@@ -46,6 +46,7 @@ from inscrutable.reports.page import (
 )
 from inscrutable.reports.page.budget_sweep import BudgetSweep
 from inscrutable.reports.page.writing import embedded
+from small_runs import coarse_rivals
 
 EVIL = "<script>alert(1)</script>"
 MEGABYTE = 1_000_000
@@ -63,7 +64,8 @@ def backtest(regimes: int, budget: Budget | float = 0.05, **settings: Any) -> Ba
     )
     asked = {"sequential": False, **settings}
     chosen = BacktestSettings(regimes=regimes, train_until="2008-12", budget=budget, **asked)  # type: ignore[arg-type]
-    return run_backtest(frame, chosen, restarts=2)
+    with coarse_rivals():
+        return run_backtest(frame, chosen, restarts=2)
 
 
 @pytest.fixture(scope="module")
@@ -553,7 +555,7 @@ def test_paper_shows_all_tables_in_few_pages(compared_page: Path, tab: browser.B
 # ---- from the command line ----------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "coarse")
 def test_command_line_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rng = np.random.default_rng(31)
     spread = np.repeat([0.01, 0.05, 0.02], 20)[:, None]

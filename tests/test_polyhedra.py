@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from inscrutable import (
 )
 from oracles import consistent
 from polyhedra import KINDS, random_problem
+from sizes import instances, some
 from strategies import cost_scale
 
 AGREEMENT = 1e-6
@@ -72,7 +74,7 @@ def test_the_consistent_beliefs_are_those_of_the_lifted_programmes(kind, seeds):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_no_belief_explains_is_empty_for_the_lifted_programme_too(kind):
-    for seed in range(6):
+    for seed in range(instances(6, least=2)):
         rng = np.random.default_rng([KINDS.index(kind), seed, 1])
         n_states, size = int(rng.integers(2, 6)), int(rng.integers(2, 6))
         problem = random_problem(rng, kind, n_states, size)
@@ -99,8 +101,7 @@ def drawn(kind):
     return problem, belief, target, decoy_grid(problem, 8)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("which", range(5))
+@pytest.mark.parametrize(("kind", "which"), some(list(product(KINDS, range(5))), 3))
 def test_all_measures_and_decision_makers_work_on_them(kind, which):
     problem, belief, target, candidates = drawn(kind)
     measure = [MaximalObfuscation(), DesiredObfuscation(target), NonExistence(), NonUniqueness(), Infeasibility()][

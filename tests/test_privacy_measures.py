@@ -19,6 +19,7 @@ from inscrutable import (
     plausibility_gap,
 )
 from inscrutable.adversaries import consistent_sets
+from sizes import instances
 from strategies import belief_problem, drawn_problems, line_problem
 
 NO_ROWS = np.zeros((0, 3))
@@ -144,7 +145,7 @@ def all_measures(belief):
     ]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=instances(30), deadline=None)
 @given(drawn_problems(states=(2, 4), assets=(2, 6), spread=1.0, min_slack=1e-4))
 def test_many_values_are_the_single_ones_or_bounds_of_them(drawn):
     decoys = np.vstack([drawn.belief, np.eye(drawn.belief.size), drawn.rng.dirichlet(np.ones(drawn.belief.size), 3)])
@@ -162,7 +163,7 @@ def test_many_values_are_the_single_ones_or_bounds_of_them(drawn):
                     assert values.privacies[index] >= single - 1e-9, measure
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=instances(60), deadline=None)
 @given(drawn_problems(states=(2, 5), assets=(2, 8), spread=1.0))
 def test_maximal_obfuscation_is_positive_exactly_where_the_belief_is_absent(drawn):
     for action in drawn.problem.solve(np.vstack([drawn.belief, drawn.rng.dirichlet(np.ones(drawn.belief.size), 4)])):

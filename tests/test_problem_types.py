@@ -40,6 +40,7 @@ from inscrutable import (
     simplex_grid,
 )
 from oracles import enumeration
+from sizes import instances, some
 from strategies import SEEDS
 
 TABLE = np.array([[0.0, 4.0, 6.0, 9.0], [8.0, 3.0, 2.0, 9.0], [9.0, 6.0, 1.0, 9.0]])
@@ -99,7 +100,7 @@ def divergence(belief, bets):
 # --- finite -----------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=instances(25), deadline=None)
 @given(SEEDS)
 def test_finite_problems_equal_enumeration(seed):
     rng = np.random.default_rng(seed)
@@ -222,7 +223,7 @@ def test_every_tied_pair_and_triple_has_a_mixture_near_each_of_its_members():
 # --- linear -----------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=instances(40), deadline=None)
 @given(SEEDS)
 def test_linear_decisions_are_the_cheapest_of_all_vertices(seed):
     rng = np.random.default_rng(seed)
@@ -298,7 +299,7 @@ def test_a_horse_race_is_bet_as_it_is_believed():
     np.testing.assert_allclose(problem.regret(inside, bets), wanted, atol=1e-12)
 
 
-@pytest.mark.parametrize("case", [((0.2, 0.3, 0.5), 0.02), ((0.3, 0.3, 0.4), 0.1), ((0.05, 0.15, 0.8), 0.05)])
+@pytest.mark.parametrize("case", some([((0.2, 0.3, 0.5), 0.02), ((0.3, 0.3, 0.4), 0.1), ((0.05, 0.15, 0.8), 0.05)], 3))
 def test_a_horse_race_is_hidden_as_the_closed_form_says(case):
     belief, limit = np.array(case[0]), case[1]
     problem = horse_race(3)
@@ -324,7 +325,7 @@ def test_a_horse_race_is_hidden_as_the_closed_form_says(case):
     assert mixed.expected_regret <= limit * (1 + 1e-9)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=instances(15), deadline=None)
 @given(SEEDS)
 def test_growth_equals_a_conic_solver(seed):
     import cvxpy as cp

@@ -10,6 +10,7 @@ from scipy.optimize import nnls
 from inscrutable import MarkowitzProblem, Polyhedron, QuadraticProblem, box, simplex
 from inscrutable.problems.quadratic_programme import _repair, _Working, layout_of
 from oracles import enumeration, markets
+from sizes import instances
 from strategies import SEEDS, belief_problem, cost_scale, drawn_problems, line_problem, long_only
 
 KKT = 1e-12  # relative to the largest coefficient of the programme
@@ -29,7 +30,7 @@ def kkt_residual(problem, belief, action):
 # --- forward solves ---------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=instances(300), deadline=None)
 @given(drawn_problems())
 def test_forward_solutions_satisfy_the_kkt_conditions(drawn):
     n_states = drawn.belief.size
@@ -45,7 +46,7 @@ def test_forward_solutions_satisfy_the_kkt_conditions(drawn):
         assert not np.signbit(action).any()
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=instances(150), deadline=None)
 @given(drawn_problems(states=(1, 4), assets=(1, 6), spread=1.0))
 def test_forward_solutions_equal_enumeration(drawn):
     action = drawn.problem.solve(drawn.belief)
@@ -59,7 +60,7 @@ def test_forward_solutions_equal_enumeration(drawn):
 
 
 @pytest.mark.parametrize("kind", ["box", "sector", "redundant", "duplicated", "net and limits", "equalities"])
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=instances(40), deadline=None)
 @given(SEEDS)
 def test_forward_solutions_over_general_sets_equal_enumeration(kind, seed):
     rng = np.random.default_rng(seed)
@@ -198,7 +199,7 @@ def test_an_unbounded_set_is_fine_where_the_cost_closes_it():
 # --- facts ------------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=instances(100), deadline=None)
 @given(drawn_problems(states=(2, 6), assets=(2, 15)))
 def test_fact_f1_regret_never_falls_along_a_ray(drawn):
     target = drawn.rng.dirichlet(np.ones(drawn.belief.size))
@@ -209,7 +210,7 @@ def test_fact_f1_regret_never_falls_along_a_ray(drawn):
     assert np.diff(regrets).min() >= -1e-12 * max(scale, cost_scale(drawn.problem, drawn.problem.solve(target)))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=instances(60), deadline=None)
 @given(drawn_problems(states=(2, 6), assets=(2, 15)))
 def test_the_optimal_cost_is_concave_and_no_action_beats_it(drawn):
     first, second = drawn.rng.dirichlet(np.ones(drawn.belief.size), 2)
@@ -224,7 +225,7 @@ def test_the_optimal_cost_is_concave_and_no_action_beats_it(drawn):
     assert costs.min() >= value[0] - 1e-12 * max(scale, max(cost_scale(drawn.problem, rival) for rival in rivals))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=instances(60), deadline=None)
 @given(drawn_problems(states=(2, 5), assets=(2, 10)))
 def test_fact_f5_state_costs_give_every_regret(drawn):
     """The cost of any action under any belief is one product with its state costs, which no belief enters."""
@@ -239,7 +240,7 @@ def test_fact_f5_state_costs_give_every_regret(drawn):
         )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=instances(60), deadline=None)
 @given(drawn_problems(states=(2, 5), assets=(2, 10), spread=1.0))
 def test_fact_f7_what_a_budget_aware_observer_knows_is_convex_and_holds_the_truth(drawn):
     decoy = drawn.rng.dirichlet(np.ones(drawn.belief.size))

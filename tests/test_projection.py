@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from inscrutable.kernels.projection import project
+from sizes import instances
 from strategies import SEEDS
 
 Array = NDArray[np.float64]
@@ -89,7 +90,7 @@ def drawn(rng: np.random.Generator, size: int, n_rows: int, n_equal: int, wish: 
     return np.ascontiguousarray(rows), sides, n_equal
 
 
-@settings(max_examples=500)
+@settings(max_examples=instances(500))
 @given(
     SEEDS,
     st.integers(1, 7),

@@ -26,6 +26,7 @@ from inscrutable.decision_makers.proofs.oracle_points import OraclePoints
 from inscrutable.decision_makers.proofs.quadratic_cells import QuadraticCells, whitened
 from inscrutable.geometry.simplicial import directions_to, edges
 from oracles import markets
+from sizes import instances, some
 from strategies import cell_around, random_cell
 
 
@@ -48,7 +49,7 @@ def market_of(rng, n_states, spread=0.0):
     return MarkowitzProblem(*market, region(rng, n_assets))
 
 
-@pytest.mark.parametrize("seed", range(16))
+@pytest.mark.parametrize("seed", range(instances(16, least=4)))
 def test_bounds_on_cells_hold_for_sampled_beliefs(seed):
     """Interpolated bounds are below every regret, and where no fibre ends all beliefs have a nearer one beside them."""
     rng = np.random.default_rng([20270401, seed])
@@ -72,7 +73,7 @@ def test_bounds_on_cells_hold_for_sampled_beliefs(seed):
             assert (distances < np.linalg.norm(beliefs - belief, axis=1)).all()
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(instances(12, least=2)))
 def test_a_cell_with_the_nearest_belief_of_a_decision_is_never_left_out(seed):
     """At a corner, or inside; where fibres end at the simplex's border, at another face, or touch the sphere."""
     rng = np.random.default_rng([20270403, seed])
@@ -138,7 +139,7 @@ def proved_and_sampled(seed, count):
 
 def test_no_sampled_lottery_of_four_states_is_above_its_bound():
     gaps = []
-    for seed in range(5):
+    for seed in range(instances(5, least=2)):
         mixed, single, best_mixed, best_single = proved_and_sampled(seed, 250)
         assert mixed.privacy_bound >= max(best_mixed, mixed.expected_privacy) - 1e-7
         assert single.privacy_bound >= max(best_single, single.privacy) - 1e-9
@@ -148,7 +149,7 @@ def test_no_sampled_lottery_of_four_states_is_above_its_bound():
     assert np.mean(np.array(gaps) <= 0.0201) >= 0.8
 
 
-@pytest.mark.parametrize("seed", [1000, 1052])
+@pytest.mark.parametrize("seed", some([1000, 1052], 2))
 def test_lotteries_of_four_states_whose_cells_hold_kinks_are_proved(seed):
     # Without cuts at kinks these end at the limit of calls; without a price that falls, 1000 ends short of its optimum.
     mixed, _, best_mixed, _ = proved_and_sampled(seed, 250)

@@ -25,6 +25,7 @@ from inscrutable.experiments import protect_sequence
 from inscrutable.experiments.attack import attack_weights
 from inscrutable.experiments.attack_over_time import attack_over_time
 from inscrutable.experiments.protect_sequence import protect_step
+from small_runs import short_simulations
 
 ASSETS, REGIMES = ("A", "B", "C"), ("calm", "turbulent")
 BELIEF = [0.25, 0.75]
@@ -41,7 +42,7 @@ def small(tmp_path_factory: pytest.TempPathFactory):
     problem = MarkowitzProblem(means, covariances, 4.0)
     model = InvestorModel(world, problem, ASSETS, REGIMES, Budget.regret(2e-4), "made for a test")
     folder = tmp_path_factory.mktemp("sequence")
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, short_simulations():
         patch.setattr(protect_sequence, "resolution_for", lambda n_states: 6)
         begun = protect_step(model, BELIEF, folder / "state", rng=np.random.default_rng(0))
         yield model, model.save(folder / "model.json"), folder / "state", begun

@@ -27,6 +27,7 @@ from inscrutable import (
     simplex_grid,
 )
 from inscrutable.privacy import over_time
+from sizes import some
 
 EXACT = 1e-12
 SEED = int(os.environ.get("FRESH_SEED", "0"))
@@ -212,8 +213,10 @@ class Told:
         return float(np.sqrt(total))
 
 
-@pytest.mark.parametrize("lag", [0, 1, 2, 4])
-@pytest.mark.parametrize(("kind", "n_symbols"), [("sensor", 2), ("part", 3)])
+@pytest.mark.parametrize(
+    ("kind", "n_symbols", "lag"),
+    some([(*each, lag) for each in (("sensor", 2), ("part", 3)) for lag in (0, 1, 2, 4)], 3),
+)
 def test_what_paths_tell_is_that_of_enumeration(
     monkeypatch: pytest.MonkeyPatch, kind: str, n_symbols: int, lag: int
 ) -> None:

@@ -21,6 +21,7 @@ from inscrutable import (
 )
 from oracles.large_markets import large_market
 from oracles.markets import random_market
+from sizes import instances
 from test_audit import drawn_case
 
 DECOYS = 4000
@@ -141,7 +142,7 @@ def gain_along_edges(problem, belief, mixed, share_of_cost):
 def test_no_step_along_an_edge_improves_a_lottery(shape, fresh_rng):
     problem, share = MarkowitzProblem(*random_market(fresh_rng, *shape)), 0.1
     maker = ProbabilisticDecisionMaker(problem, budget=share)
-    for belief in fresh_rng.dirichlet(np.ones(shape[0]), 30):
+    for belief in fresh_rng.dirichlet(np.ones(shape[0]), instances(30)):
         mixed = maker.decide(belief)
         assert gain_along_edges(problem, belief, mixed, share) <= 1e-3 * float(mixed.expected_privacy)
 

@@ -19,6 +19,7 @@ from inscrutable import (
     estimate_sensor,
     estimate_world,
 )
+from sizes import instances
 
 TRANSITION = np.array([[0.8, 0.1, 0.1], [0.15, 0.7, 0.15], [0.1, 0.2, 0.7]])
 SENSOR = np.array([[0.7, 0.2, 0.1], [0.15, 0.7, 0.15], [0.1, 0.25, 0.65]])
@@ -64,7 +65,7 @@ def random_world(rng: np.random.Generator, n_states: int, n_symbols: int) -> tup
 
 
 def test_sensors_of_random_models_follow_from_exact_beliefs(fresh_rng: np.random.Generator) -> None:
-    for model in range(200):
+    for model in range(instances(200)):
         n_states = 2 + model % 3
         transition, sensor = random_world(fresh_rng, n_states, n_states)
         beliefs, symbols = path(transition, sensor, 120, fresh_rng)
@@ -98,7 +99,7 @@ def test_noise_leaves_less_error_than_three_times_what_was_published(n_states: i
 def test_transitions_of_random_models_follow_from_beliefs_alone(
     with_names: bool, fresh_rng: np.random.Generator
 ) -> None:
-    for model in range(45):
+    for model in range(instances(45)):
         n_states = 2 + model % 3
         n_symbols = int(fresh_rng.integers(2, n_states + 3))
         transition = 0.2 * np.eye(n_states) + 0.8 * fresh_rng.dirichlet(np.ones(n_states), n_states)

@@ -42,6 +42,8 @@ def maker_of(
     regrets = chain.prior.beliefs @ candidates.state_costs.T
     regrets -= np.asarray(problem.optimal_cost(chain.prior.beliefs))[:, None]
     silence = float((chain.prior.weights @ regrets).min())
+    if silence < 1e-6:  # one decision suits every belief: nothing to hide
+        return maker_of(rng, disclosure, told, **options)
     unit = 1.0 if np.isinf(told) else chain.prior.error**2
     prices = PriceCalibration.at(2.0 * unit / silence, told if np.isinf(told) else told * unit)
     options = {"calibration": prices, "candidates": candidates} | options

@@ -26,6 +26,7 @@ from inscrutable import (
 )
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.privacy import Loss
+from sizes import instances
 
 
 def answers_of(loss: Loss, n_states: int) -> np.ndarray:
@@ -110,7 +111,7 @@ def best_value(maker: SequentialDecisionMaker, law: np.ndarray) -> float:
 @pytest.mark.parametrize("disclosure", [None, delayed(2), every(2)], ids=str)
 @pytest.mark.parametrize("told", [1.0, 0.1, 0.01, 0.001])
 def test_a_step_is_as_good_as_a_cone_programme_finds(fresh_rng: np.random.Generator, told: float, disclosure) -> None:
-    for _ in range(4):
+    for _ in range(instances(4, least=2)):
         maker = drawn_maker(fresh_rng, told=told, disclosure=disclosure)
         law = maker.chain.prior.weights
         rows = maker.mechanism_for(maker.chain.prior).probabilities.toarray()

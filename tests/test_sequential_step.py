@@ -11,6 +11,7 @@ from scipy.special import logsumexp
 from inscrutable import Budget, FiniteProblem, PriceCalibration, Prior, SequentialDecisionMaker
 from inscrutable.decision_makers.sequential.step import Prices, StepRule
 from inscrutable.mechanisms.chains import BeliefChain
+from sizes import instances
 
 NO_PRICE = float("inf")
 
@@ -91,7 +92,7 @@ def best_value(maker: SequentialDecisionMaker, law: np.ndarray, price: float, to
 def test_a_step_is_as_good_as_a_cone_programme_finds(
     fresh_rng: np.random.Generator, information: float, capped: bool
 ) -> None:
-    for _ in range(6):
+    for _ in range(instances(6, least=2)):
         maker, price, told = drawn_case(fresh_rng, information, capped)
         law = maker.chain.prior.weights
         rows = maker.mechanism_for(maker.chain.prior).probabilities.toarray()

@@ -28,6 +28,7 @@ from inscrutable import (
     simplex,
     simplex_grid,
 )
+from sizes import instances
 from strategies import SEEDS
 
 
@@ -44,7 +45,7 @@ def least(belief, linear, region):
     return linprog(belief @ linear, region.A_ub, region.b_ub, **equal, bounds=(None, None), options=tight).fun
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=instances(25), deadline=None)
 @given(SEEDS)
 def test_riskless_portfolios_are_linear_programmes(seed):
     rng = np.random.default_rng(seed)
@@ -60,7 +61,7 @@ def test_riskless_portfolios_are_linear_programmes(seed):
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=instances(40), deadline=None)
 @given(SEEDS)
 def test_costs_that_bend_in_some_directions_are_solved_to_the_last_digits(seed):
     """Optimality by first principles: no vertex of C lies in a direction in which the expected cost falls."""

@@ -27,6 +27,7 @@ from inscrutable.decision_makers.aware import stackelberg_solver
 from inscrutable.decision_makers.aware.stackelberg_game import Game
 from inscrutable.experiments.random_markets import random_market
 from inscrutable.privacy.leaks import silence_regret
+from sizes import instances
 from strategies import SEEDS
 from test_rate_distortion import CORNERS, TWO, market, regrets_of, silence
 
@@ -99,7 +100,7 @@ def test_a_fair_coin_is_hidden_as_far_as_its_budget_goes(limit: float) -> None:
     assert found.value <= found.bound <= found.value * (1 + CLOSE) + 1e-12
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(instances(3, least=1)))
 @pytest.mark.parametrize("share", [0.05, 0.5])
 def test_cutting_planes_agree(seed: int, share: float) -> None:
     problem, _, _ = market(seed)
@@ -196,7 +197,7 @@ def test_the_bound_follows_from_the_estimates_of_the_definition() -> None:
     assert total >= found.value - 1e-9
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=instances(15), deadline=None)
 @given(seed=st.integers(0, 5), limit_share=st.floats(0.01, 1.0), draw=SEEDS)
 def test_no_random_mechanism_within_the_budgets_hides_more(seed: int, limit_share: float, draw: int) -> None:
     problem, prior, candidates = market(seed, 5)

@@ -18,9 +18,10 @@ from inscrutable import (
 )
 from oracles.large_markets import large_market
 from oracles.markets import random_market
+from sizes import instances
 
 SIZES = {2: (4, 60), 3: (6, 45), 4: (6, 12), 5: (7, 8)}  # assets, and resolution of the candidates, by states
-BELIEFS = 6
+BELIEFS = instances(6, least=2)
 
 
 def markets(n_states, min_slack, rng):

@@ -256,7 +256,7 @@ def test_the_command_line_takes_extensions(module, tmp_path):
 
     def said(*extensions):
         options = [part for each in extensions for part in ("--extension", each)]
-        command = [program, "study", "run", "study.toml", "--out", "out", *options]
+        command = [program, "study", "run", "study.toml", "--out", "out", "--jobs", "1", *options]
         return subprocess.run(command, cwd=tmp_path, env=settings, capture_output=True, text=True)
 
     refused = said("beside:Shrinking")

@@ -23,6 +23,7 @@ from inscrutable.decision_makers.candidates import Candidates, make_candidates
 from inscrutable.decision_makers.search import lottery_search, region_search
 from inscrutable.geometry.hulls import sum_zero_basis
 from oracles import markets
+from sizes import instances, some
 
 Array = NDArray[np.float64]
 
@@ -144,7 +145,7 @@ def market_problem(seed: int, n_assets: int, spread: bool) -> MarkowitzProblem:
     return MarkowitzProblem(*drawn_market(seed, n_assets, spread))
 
 
-@pytest.mark.parametrize(("n_assets", "spread"), MARKETS)
+@pytest.mark.parametrize(("n_assets", "spread"), some(MARKETS, 2))
 def test_a_lottery_is_as_good_as_a_grid_much_finer(n_assets: int, spread: bool) -> None:
     problem = market_problem(1, n_assets, spread)
     candidates, fine = decoy_grid(problem, 100), decoy_grid(problem, 700)
@@ -165,7 +166,7 @@ def test_a_lottery_is_as_good_as_a_grid_much_finer(n_assets: int, spread: bool) 
 def test_a_lottery_is_what_the_adversary_sees_and_no_worse_than_a_single_decision(
     n_assets: int, spread: bool, sign: float
 ) -> None:
-    for seed in (2, 3):
+    for seed in range(2, 2 + instances(2, least=1)):
         problem = market_problem(seed, n_assets, spread)
         candidates, budget = decoy_grid(problem, 50), budget_of(problem, 0.1)
         beliefs = np.random.default_rng(seed).dirichlet(np.full(3, 0.7), 24)
@@ -181,8 +182,9 @@ def test_a_lottery_is_what_the_adversary_sees_and_no_worse_than_a_single_decisio
 # --- the walk -----------------------------------------------------------------------------------------------------------
 
 
-@SIGNS
-@pytest.mark.parametrize(("n_assets", "spread"), MARKETS)
+@pytest.mark.parametrize(
+    ("n_assets", "spread", "sign"), some([(*each, sign) for each in MARKETS for sign in (1.0, -1.0)], 3)
+)
 def test_the_order_of_beliefs_does_not_matter(n_assets: int, spread: bool, sign: float) -> None:
     problem = market_problem(4, n_assets, spread)
     rng = np.random.default_rng(8)
@@ -305,7 +307,7 @@ def test_many_corners_with_polygons_of_beliefs(sign: float) -> None:
 @SIGNS
 @pytest.mark.parametrize("n_assets", [1, 2])
 def test_one_and_two_assets(n_assets: int, sign: float) -> None:
-    for seed in range(3):
+    for seed in range(instances(3, least=2)):
         problem = market_problem(seed, n_assets, seed > 0)
         candidates = decoy_grid(problem, 40)
         beliefs = np.random.default_rng(5).dirichlet(np.ones(3), 12)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from inscrutable import BeliefSet, LinearProblem, QuadraticProblem, consistent_beliefs, simplex
+from sizes import instances
 
 N_SETS = 60
 
@@ -56,7 +57,7 @@ def decided(problem, sizes, rng):
 
 
 def test_distances_are_those_to_exact_corners(fresh_rng):
-    for _ in range(3 * N_SETS):
+    for _ in range(instances(3 * N_SETS)):
         sizes = unevenly(fresh_rng, 3)
         n_actions = int(fresh_rng.choice([2, 3, 5]))
         problem = LinearProblem(fresh_rng.normal(size=(3, n_actions)) * sizes[:, None], simplex(n_actions))
@@ -89,7 +90,7 @@ def test_a_thin_set_is_no_point_and_no_segment(rows, belief):
 
 
 def test_no_set_of_uneven_states_is_beyond_projection(fresh_rng):
-    for _ in range(3 * N_SETS):
+    for _ in range(instances(3 * N_SETS)):
         n_states, n_actions = int(fresh_rng.choice([3, 4, 5])), int(fresh_rng.choice([2, 3, 6]))
         sizes = unevenly(fresh_rng, n_states)
         roots = fresh_rng.normal(size=(n_states, n_actions, n_actions))

@@ -6,6 +6,7 @@ import base64
 import json
 import os
 import shutil
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -38,8 +39,16 @@ from inscrutable.experiments.studies.tasks import Done, TaskRunner
 from inscrutable.experiments.studies.whole import BEFORE, all_rows, shipped
 from inscrutable.reports.reproduction import summary_of
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
+from small_runs import nothing_painted, short_searches, short_simulations
 from study_runs import SMALL
 from test_page import EVIL, Reader
+
+
+@pytest.fixture(scope="module", autouse=True)
+def soon() -> Iterator[None]:
+    with short_searches():
+        yield
+
 
 EFFORT: dict[str, Any] = {
     "resolution": 5,
@@ -95,13 +104,14 @@ def parts(run: MarketRun) -> dict[str, object]:
 
 
 def test_the_comparison_is_the_librarys_own(tmp_path: Path) -> None:
-    """Every decision maker, in two processes."""
+    """Every decision maker."""
     settings = ComparisonSettings(budgets=(0.6,), repeats=(1, 5), draws=20)
     market = market_of("paper", 2, 7)
-    direct = compare(market.problem, market.chain, settings, rng=np.random.default_rng([7, 1]))
     study = comparison_study(settings, market="paper", resolution=2, seed=7)
     told: list[str] = []
-    found, note = compared(study, tmp_path, jobs=2, say=told.append, progress=lambda done, total: None)
+    with short_simulations():
+        direct = compare(market.problem, market.chain, settings, rng=np.random.default_rng([7, 1]))
+        found, note = compared(study, tmp_path, jobs=1, say=told.append, progress=lambda done, total: None)
     assert found.frame().equals(direct.frame())
     assert found.summary() == direct.summary()
     assert (found.header(), found.left_out, found.prior_top_state) == (
@@ -136,8 +146,9 @@ def test_a_models_file_is_a_market(tmp_path: Path) -> None:
     world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission(means, spreads))
     InvestorModel(world, MarkowitzProblem(means, spreads, 2.0), ("A", "B"), world.names).save(tmp_path / "model.json")
     settings = ComparisonSettings(budgets=(0.5,), repeats=(1,), draws=10)
-    study = comparison_study(settings, market=str(tmp_path / "model.json"), resolution=4, seed=0)
-    half = run_study(study, tmp_path / "out", limit=3)
+    makers = ("ODM", "CDM", "coin", "rounding")
+    study = comparison_study(settings, makers, market=str(tmp_path / "model.json"), resolution=4, seed=0)
+    half = run_study(study, tmp_path / "out", limit=2)
     (tmp_path / "model.json").unlink()
     whole = resume_study(half.folder or "")
     assert whole.status().failed == 0
@@ -165,11 +176,13 @@ def test_rows_can_be_exported_like_any_studys(tmp_path: Path, capsys: pytest.Cap
 def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Folders of both verbs' results."""
     place = tmp_path_factory.mktemp("told")
-    for verb in (REPRODUCE, COMPARE):
-        assert cli.main([*verb, "--out", str(place / verb[0]), "-q"]) == 0
+    with nothing_painted():
+        for verb in (REPRODUCE, COMPARE):
+            assert cli.main([*verb, "--out", str(place / verb[0]), "-q"]) == 0
     return {verb[0]: place / verb[0] for verb in (REPRODUCE, COMPARE)}
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("verb", ["reproduce", "compare"])
 def test_a_study_has_the_page_of_its_results(verb: str, told: dict[str, Path], tmp_path: Path) -> None:
     """The same but for the manifest, which says what the rows were made by."""

@@ -47,6 +47,7 @@ def test_a_list_that_is_none_of_ours_deletes_nothing(text: str, tmp_path: Path) 
 
 
 @pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("coarse", "undrawn")
 def test_a_run_with_other_settings_leaves_none_of_its_files_and_strict_doubts_beliefs_that_rest(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -82,6 +83,7 @@ def test_a_run_with_other_settings_leaves_none_of_its_files_and_strict_doubts_be
     assert "hardly moves" in json.loads((out / "summary.json").read_text("utf-8"))["doubts"][0]
 
 
+@pytest.mark.usefixtures("coarse")
 def test_a_backtest_of_a_fit_that_is_no_result_says_so() -> None:
     rng = np.random.default_rng(1)
     months = pd.date_range("2001-01", periods=78, freq="ME")

@@ -1,4 +1,7 @@
-"""Run the tests marked `audit` and keep what they print in audit/log.txt, without the paths of this machine."""
+"""Run the tests marked `audit`, and those that draw fewer instances in `make test`, and keep what they print.
+
+audit/log.txt holds it, without the paths of this machine.
+"""
 
 from __future__ import annotations
 
@@ -33,15 +36,19 @@ def anonymous(line: str) -> str:
     return line
 
 
+def settings() -> dict[str, str]:
+    """All cores, where the tests' own setting is one, and all instances, of which `make test` draws a part."""
+    return {"LOKY_MAX_CPU_COUNT": str(os.cpu_count()), "AUDIT_SIZES": "1"}
+
+
 def main(arguments: list[str]) -> int:
     """Run pytest, show its lines as they come, keep them, and pass its exit code on."""
     command = [sys.executable, "-m", "pytest", "-m", "audit", "--no-header", "--durations=0", "-s", "-v", *arguments]
-    settings = {"LOKY_MAX_CPU_COUNT": str(os.cpu_count())} | os.environ  # all cores; the tests' own setting is one
     LOG.parent.mkdir(exist_ok=True)
     with (
         LOG.open("w", encoding="utf-8") as log,
         subprocess.Popen(
-            command, cwd=ROOT, env=settings, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+            command, cwd=ROOT, env=settings() | os.environ, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         ) as run,
     ):
         log.write(header())

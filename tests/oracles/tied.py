@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import chain, combinations
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -52,13 +52,15 @@ def distance_to(equal, below, point):
     fixed = np.vstack([equal, np.ones((1, size))])
     sides = np.append(np.zeros(len(equal)), 1.0)
     best = np.inf
-    for chosen in chain.from_iterable(combinations(range(len(rows)), count) for count in range(size)):
-        matrix = np.vstack([fixed, rows[list(chosen)]])
-        right = np.concatenate([sides, np.zeros(len(chosen))])
-        moved = point + np.linalg.lstsq(matrix, right - matrix @ point, rcond=1e-10)[0]
-        off = np.abs(matrix @ moved - right).max()
-        if off <= CLOSE and (rows @ moved <= CLOSE).all():
-            best = min(best, float(np.linalg.norm(moved - point)))
+    for count in range(size):
+        chosen = np.array(list(combinations(range(len(rows)), count)), dtype=int)
+        matrices = np.concatenate([np.broadcast_to(fixed, (len(chosen), *fixed.shape)), rows[chosen]], axis=1)
+        right = np.concatenate([sides, np.zeros(count)])
+        away = (right - matrices @ point)[..., None]
+        moved = point + (np.linalg.pinv(matrices, rcond=1e-10) @ away)[..., 0]
+        off = np.abs((matrices @ moved[..., None])[..., 0] - right).max(axis=1)
+        inside = (off <= CLOSE) & (moved @ rows.T <= CLOSE).all(axis=1)
+        best = min(best, float(np.linalg.norm(moved[inside] - point, axis=1).min(initial=np.inf)))
     return best
 
 

@@ -1,0 +1,73 @@
+"""Runs that take little: pictures that are not painted, rivals on coarse grids, prices found by short simulations."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import inscrutable.reports
+from inscrutable.decision_makers import local_search
+from inscrutable.decision_makers.sequential import calibration
+from inscrutable.experiments import backtest_aware, backtest_sequential
+
+PICTURE = '<svg xmlns="http://www.w3.org/2000/svg" width="2000" height="1000"><title>{}</title></svg>'
+
+
+def unpainted(figure: Any, folder: Path, name: str) -> list[Path]:
+    """Write empty pictures with a figure's name in its place."""
+    written = [folder / f"{name}.{ending}" for ending in ("png", "svg")]
+    for path in written:
+        path.write_text(PICTURE.format(name), "utf-8")
+    return written
+
+
+@contextmanager
+def nothing_painted() -> Iterator[None]:
+    """Figures are made but not painted, which takes half a second each; tests of their own look at what they show."""
+    found = pkgutil.walk_packages(inscrutable.reports.__path__, "inscrutable.reports.")
+    modules = [importlib.import_module(each.name) for each in found]
+    with pytest.MonkeyPatch.context() as patch:
+        for module in modules:
+            if hasattr(module, "save_figure"):
+                patch.setattr(module, "save_figure", unpainted)
+        yield
+
+
+@contextmanager
+def coarse_rivals(beliefs: int = 60, draws: int = 1) -> Iterator[None]:
+    """Rivals of a backtest read on few beliefs, and the sequential rule is drawn anew seldom.
+
+    For tests that judge what is shown of the figures, not how good they are.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(backtest_aware, "_MOST_BELIEFS", beliefs)
+        patch.setattr(backtest_sequential, "_OTHER_DRAWS", draws)
+        yield
+
+
+@contextmanager
+def short_simulations() -> Iterator[None]:
+    """Prices of sequential rules are found from a quarter of the steps."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration, "_FINE", 80)
+        patch.setattr(calibration, "_LAST", 250)
+        yield
+
+
+@contextmanager
+def short_searches() -> Iterator[None]:
+    """The paper's local search takes few steps; for tests that judge how its results are kept, not how good they are."""
+    minimize = local_search.minimize
+
+    def short(*given: Any, options: dict[str, Any], **more: Any) -> Any:
+        return minimize(*given, options=options | {"maxiter": 8}, **more)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(local_search, "minimize", short)
+        yield

@@ -279,7 +279,7 @@ VERBS = {
     "turnover of a sequence": (
         "protect --model M --belief 0.5,0.5 --state s.json --turnover 0.1",
         3,
-        "--state has no limit on turnover",
+        "what turnover allows depends on the weights held; leave turnover out",
     ),
     "a budget in words": ("protect --model M --belief 0.5,0.5 --budget lots", 2, "expected a share of |c*|"),
     "a budget below nothing": ("protect --model M --belief 0.5,0.5 --budget -0.1", 3, "must be at least 0"),
@@ -303,7 +303,7 @@ VERBS = {
     "budgets in words": ("compare --budgets lots", 2, "expected shares of |c*|"),
     "two units of budgets in one": ("compare --budgets silence:5bp", 2, "expected shares"),
     "regimes twice": ("backtest --model M --regimes 3", 2, "the model has its own"),
-    "a backtest with turnover": ("backtest --turnover 0.2", 3, "leave both out (--no-sequential"),
+    "a backtest with turnover": ("backtest --turnover 0.2", 3, "depends on the weights held"),
     "other assets than the returns'": ("backtest --model M", 3, "asset labels"),
     "a riskless rate of several columns": ("backtest --riskless R", 2, "expected one"),
     "a riskless rate in percent": ("backtest --riskless P", 3, "divide percentages by 100"),

@@ -37,8 +37,9 @@ def protect_next(
     investor = investor_of(model, limits)
     if investor.turnover is not None:
         raise InputError(
-            "--state has no limit on turnover: what its rule draws from is the same every month, whatever was published last; "
-            "protect each month by itself with --previous, without --state, or leave turnover out"
+            "--state takes no limit on turnover: its file fixes the portfolios that the sequential rule draws from, and their "
+            "prices, for all months, and what turnover allows depends on the weights held; leave turnover out, or protect each "
+            "month by itself with --previous FILE and without --state, which does not reckon with an observer who remembers"
         )
     limit = None if asked is None else budget_in(investor.world, investor.problem, asked)
     rng = None if seed is None else np.random.default_rng(seed)

@@ -88,8 +88,9 @@ class BacktestSettings:
         if self.turnover is not None and (self.sequential or self.disclosure != str(Disclosure())):
             raise InputError(
                 "with a limit on turnover ODM, CDM and PDM decide near the weights they published last; the sequential rule "
-                "cannot, because its prices are of one problem that stays the same every month, and a disclosure is read by "
-                "observers who know such a rule: leave both out (--no-sequential, sequential=False), or the limit"
+                "cannot, because its portfolios and their prices are fixed for all decisions, and what turnover allows depends "
+                "on the weights held; a disclosure is read by observers of rules that do not change from one decision to the "
+                "next: leave both out (--no-sequential, sequential=False), or the limit"
             )
 
     @property

@@ -16,11 +16,12 @@ from inscrutable.adversaries import SequentialAdversary
 from inscrutable.experiments import backtest_sequential
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
 from inscrutable.experiments.backtest_aware import doubted, resolution_for
+from inscrutable.experiments.rivals import RIVAL, loss_of
 from inscrutable.geometry.grids import simplex_grid
 from inscrutable.mechanisms import mechanism
 from inscrutable.mechanisms.chains import predicted_chain
 from inscrutable.privacy import DesiredObfuscation
-from inscrutable.reports.backtest import table_of, text_of, write_backtest
+from inscrutable.reports.backtest import summary_data, table_of, text_of, write_backtest
 from inscrutable.reports.backtest_verdict import limits, verdict
 from small_runs import coarse_rivals, short_simulations
 
@@ -151,6 +152,36 @@ def test_what_is_said_of_it(found: Backtest, tmp_path: Path) -> None:
     held = json.loads((tmp_path / "summary.json").read_text("utf-8"))["sequential"]
     assert held["mean_regret_allowed"] == found.sequential.maker.limit
     assert len(held["other_draws"]) == 2
+
+
+WAGER = np.array([[-1.0, 2.0, 0.0], [2.0, -1.0, 0.0]])  # on one of the two regimes at two to one, or none
+
+
+def test_what_weights_are_worth_to_another_rival_by_loops(found: Backtest) -> None:
+    """Each row of the table, the sequential rule's too, against the rival's best choice belief by belief."""
+    section = RIVAL.validate_python({"kind": "finite", "costs": WAGER.tolist()})
+    asked = replace(found, rival=loss_of(section, found.problem), settings=replace(SETTINGS, rival=section))
+    beliefs = found.beliefs.to_numpy()
+    alone = [belief @ WAGER[:, (found.aware.prior.mean @ WAGER).argmin()] for belief in beliefs]
+    secret = np.mean(alone) - np.mean([(belief @ WAGER).min() for belief in beliefs])
+    for name in found.names:
+        read = found.followed_estimates(name).to_numpy()
+        played = [belief @ WAGER[:, (guess @ WAGER).argmin()] for belief, guess in zip(beliefs, read, strict=True)]
+        figures = asked.figures[name]
+        assert figures["worth_secret"] == pytest.approx(secret, rel=1e-9)
+        assert figures["worth_followed"] == pytest.approx(np.mean(alone) - np.mean(played), rel=1e-9, abs=1e-12)
+        assert np.isnan(figures["worth_copied"])  # the rival holds no weights
+    table, said = table_of(asked), text_of(asked)
+    assert "worth of the beliefs to the rival, the rival's cost" in table.index
+    assert not any("published weights, as they are" in label for label in table.index)
+    assert "SDM reveals least information, whatever the rival's problem" in said
+    assert "Copying cannot be prevented" not in said
+    assert summary_data(asked)["settings"]["rival"] == {"kind": "finite", "costs": WAGER.tolist()}
+    own = replace(found, rival=loss_of(RIVAL.validate_python({"kind": "own"}), found.problem))
+    assert own.figures["SDM"] == pytest.approx(found.figures["SDM"], nan_ok=True)
+    assert text_of(own) == text_of(found)
+    capped = replace(found, rival=loss_of(RIVAL.validate_python({"max_weight": 0.5}), found.problem))
+    assert any(label == "worth of the beliefs to the rival, bp per month" for label in table_of(capped).index)
 
 
 def test_none_holds_is_said_as_such(found: Backtest) -> None:

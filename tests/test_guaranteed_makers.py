@@ -19,6 +19,7 @@ from inscrutable import (
     InputError,
     MarkowitzProblem,
     MaximalLeakageCap,
+    MeanSquaredErrorFloor,
     ModelError,
     NamingError,
     NamingErrorFloor,
@@ -28,6 +29,7 @@ from inscrutable import (
     RivalProblem,
     SquaredErrorFloor,
     StackelbergDecisionMaker,
+    consistent_beliefs,
     leakage,
     least_regret,
     uniform_prior,
@@ -205,6 +207,21 @@ def test_portfolios_under_a_cap() -> None:
     assert prior.weights @ maker.mechanism.expected_regrets <= limit * (1 + 1e-8)
 
 
+@pytest.mark.parametrize("make", [RateDistortionDecisionMaker, StackelbergDecisionMaker])
+def test_decisions_that_no_belief_explains_are_left_out_where_asked(make) -> None:
+    problem, prior = MarkowitzProblem([[0.2, 0.0, 0.1], [0.0, 0.2, 0.1]], [np.eye(3)] * 2, 1.0), uniform_prior(2, 8)
+    drawn = np.vstack([np.random.default_rng(1).dirichlet(np.ones(3), 30), problem.solve(prior.beliefs)])
+    asked = {"prior": prior, "candidates": drawn, "guarantees": [MeanSquaredErrorFloor(0.02)]}
+
+    def explained(**more: bool) -> list[bool]:
+        played = make(problem, Budget.regret(0.01), **asked, **more).mechanism.actions
+        return [not consistent_beliefs(problem, action).is_empty for action in played]
+
+    assert all(explained(plausible_only=True))
+    if make is RateDistortionDecisionMaker:  # else they would be played
+        assert not all(explained(plausible_only=False))
+
+
 def test_what_does_not_fit_is_refused() -> None:
     problem, prior = world(np.random.default_rng(1))
     for make in (RateDistortionDecisionMaker, StackelbergDecisionMaker):
@@ -212,7 +229,7 @@ def test_what_does_not_fit_is_refused() -> None:
             make(problem, 0.1, prior=prior, guarantees=[Budget.regret(1.0)])
         with pytest.raises(InputError, match="must be a list such as"):
             make(problem, 0.1, prior=prior, guarantees=PointwiseLeakageCap(0.1))
-        with pytest.raises(InputError, match="together with guarantees"):
+        with pytest.raises(InputError, match=r"together with guarantees, .* or worst_regret alone"):
             make(problem, 0.1, prior=prior, worst_regret=0.5, guarantees=[PointwiseLeakageCap(0.1)])
 
 

@@ -279,7 +279,7 @@ VERBS = {
     "turnover of a sequence": (
         "protect --model M --belief 0.5,0.5 --state s.json --turnover 0.1",
         3,
-        "--state has no limit on turnover",
+        "what turnover allows depends on the weights held; leave turnover out",
     ),
     "a budget in words": ("protect --model M --belief 0.5,0.5 --budget lots", 2, "expected a share of |c*|"),
     "a budget below nothing": ("protect --model M --belief 0.5,0.5 --budget -0.1", 3, "must be at least 0"),
@@ -309,6 +309,13 @@ VERBS = {
     "a riskless rate in percent": ("backtest --riskless P", 3, "divide percentages by 100"),
     "a backtest of an unknown asset": ("backtest --model N", 3, "'Gold'"),
     "a folder as the model": ("backtest --model .", 3, "folder"),
+    "a rival beside turnover": (
+        "backtest --rival V --turnover 0.2 --no-sequential",
+        3,
+        "no aware observer is modelled",
+    ),
+    "a rival beside alphas": ("backtest --rival V --alphas W", 2, "--alphas takes no --rival"),
+    "a rival that is none": ("backtest --rival N", 3, "expected the section [problem] alone"),
 }
 
 
@@ -320,11 +327,11 @@ def test_wrong_calls_of_verbs(case, model, tmp_path, monkeypatch, capsys):
     files = {
         "W": "Oil,Food,Tech\n0.50,0.30,0.20\n", "B": "symbol,shares,price\nOil,1,2\n",
         "T": "Oil,Food,Tech\n0.5,0.3,0.2\n0.4,0.4,0.2\n", "R": "date,a,b\n2020-01,0,0\n", "P": f"date,rate\n{dates}",
-        "N": "[constraints]\nmax_weight = { Gold = 0.2 }\n",
+        "N": "[constraints]\nmax_weight = { Gold = 0.2 }\n", "V": '[problem]\nkind = "naming"\n',
     }  # fmt: skip
     names = {"M": model}
     for name, content in files.items():
-        names[name] = tmp_path / (f"{name}.toml" if name == "N" else f"{name}.csv")
+        names[name] = tmp_path / (f"{name}.toml" if name in "NV" else f"{name}.csv")
         names[name].write_text(content)
     assert main([str(names.get(word, word)) for word in text.split()]) == code
     said = capsys.readouterr().err

@@ -314,7 +314,7 @@ def test_a_part_that_fails_is_a_row_that_says_so(module, tmp_path):
     told = "\n".join(study.errors())
     assert study.status().failed == 2
     assert "RuntimeError: no licence" in told
-    assert "words gave 'many'; expected one number" in told
+    assert "words: the value must be one number, got 'many'" in told
     with pytest.raises(InputError, match="two extensions are called 'firm'"):
         Study.of(data, extensions=[*own(module, "firm"), *own(module, "firm")])
     with pytest.raises(InputError, match="extensions must be a list"):

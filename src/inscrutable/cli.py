@@ -140,6 +140,7 @@ def backtest(
     public: Annotated[str, Parameter(group=DATA)] = "market",
     private: Annotated[Path | None, Parameter(group=DATA)] = None,
     riskless: Annotated[Path | None, Parameter(group=DATA)] = None,
+    rival: Annotated[Path | None, Parameter(group=DATA)] = None,
     model: Annotated[Path | None, Parameter(group=INVESTOR)] = None,
     regimes: Annotated[Whole | None, Parameter(group=INVESTOR)] = None,
     covariance: Annotated[str | None, Parameter(group=INVESTOR)] = None,
@@ -178,6 +179,8 @@ def backtest(
             as for `--beliefs`. A date without a row has no signal.
         riskless: CSV of dates and one column: the riskless return of each row, as a fraction, for Sharpe ratios of excess
             returns.
+        rival: TOML file whose [problem] is a rival's decision problem: what beliefs and weights are worth to it, instead of to
+            one who invests alike.
         model: A model.toml of your own: risk aversion, budget, what may be held, and regimes that are then not fitted.
         regimes: Number of regimes fitted to the training sample. Default: 3.
         covariance: How their covariances are estimated: sample, ledoit-wolf (shrunk) or factor:K. Default: sample where there
@@ -200,6 +203,7 @@ def backtest(
             All files are written nevertheless.
     """
     from inscrutable.experiments.backtest import BacktestSettings, run_backtest
+    from inscrutable.experiments.rivals import read_rival
     from inscrutable.reports.backtest import write_backtest
 
     if sum(option is not None for option in (returns, prices)) + daily > 1:
@@ -211,6 +215,8 @@ def backtest(
         train_until = "1989-12" if is_embedded else f"{table.index[(len(table) - 1) // 2]:%Y-%m-%d}"
         speech.detail(f"Training sample: up to {train_until}")
     if means.alphas is not None:
+        if rival is not None:
+            raise UsageError("--alphas takes no --rival: what is taken there is the gain of one who copies")
         asked = {"risk_aversion": risk_aversion, "covariance": covariance, "train_until": train_until, "seed": seed}
         backtest_means(means, table, rate, asked, budget, writable_folder(out), speech)
         return 0
@@ -237,6 +243,7 @@ def backtest(
         sequential,
         disclosure,
         own,
+        None if rival is None else read_rival(rival),
     )
     names = None if own is None or own.world is None else own.world.names
     if regime_names is not None and beliefs is None:

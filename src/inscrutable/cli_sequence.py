@@ -35,8 +35,9 @@ def protect_next(
     investor = investor_of(model, limits)
     if investor.turnover is not None:
         raise InputError(
-            "--state has no limit on turnover, because its lottery does not depend on the weights published last: leave "
-            "turnover out, or protect each month alone, with --previous and without --state"
+            "--state takes no limit on turnover: its file fixes the portfolios that the sequential rule draws from, and their "
+            "prices, for all months, and what turnover allows depends on the weights held; leave turnover out, or protect each "
+            "month by itself with --previous FILE and without --state, which does not reckon with an observer who remembers"
         )
     if not state.exists():
         speech.log(

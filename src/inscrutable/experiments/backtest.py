@@ -39,6 +39,7 @@ from inscrutable.experiments.backtest_turnover import Maker, limited_episode
 from inscrutable.experiments.episodes import Episode, run_episode
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.performance import Performance, SharpeDifference, sharpe_difference, track_portfolios
+from inscrutable.experiments.rivals import loss_of
 from inscrutable.experiments.silence import budget_in
 from inscrutable.filtering import filter_beliefs
 from inscrutable.mechanisms import Disclosure
@@ -125,6 +126,7 @@ def run_backtest(
     seeds = np.random.SeedSequence(chosen.seed).spawn(_SEEDS)
     fit_rng, draw_rng, bootstrap_rng, aware_rng, _, sequential_rng = map(np.random.default_rng, seeds)
     fit, world, problem = fitted_investor(market, chosen, restarts, rng=fit_rng)
+    rival = None if chosen.rival is None else loss_of(chosen.rival, problem)
     spent = None if chosen.budget is None else budget_in(world, problem, chosen.budget)
     chosen = replace(chosen, budget=spent)
     read = BesideReturns() if beside is None else beside
@@ -158,7 +160,20 @@ def run_backtest(
         _LOGGER.warning("%s", doubt)
     told = read_public(public, episode, everything, aware, market.decided)
     return Backtest(
-        chosen, market, fit, world, problem, candidates, held, episode, performance, comparisons, aware, part, told
+        chosen,
+        market,
+        fit,
+        world,
+        problem,
+        candidates,
+        held,
+        episode,
+        performance,
+        comparisons,
+        aware,
+        part,
+        told,
+        rival,
     )
 
 

@@ -22,6 +22,7 @@ from inscrutable.worlds.observations import real_rows
 
 if TYPE_CHECKING:
     from inscrutable.experiments.own_model import OwnModel
+    from inscrutable.experiments.rivals import Rival
 
 _LISTED = 5
 _PAPERS_BUDGET = Budget(0.1)
@@ -50,6 +51,8 @@ class BacktestSettings:
             costs are for the caller to take over. With a limit on turnover `sequential` must be False.
         disclosure: What one more rival is shown of the weights, how often and how late, such as "every(3)|delayed(2)", in rows
             of the returns; of `portfolio_return()` it knows the returns. Steps count from the first decision.
+        rival: A rival's decision problem, as `read_rival` gives it, for the worth of beliefs and weights; None: the investor's
+            own. The SDM does not go by it: it reveals least information.
 
     Raises:
         InputError: A number is out of its range, `measure` is no privacy measure, or there is no such disclosure.
@@ -70,6 +73,7 @@ class BacktestSettings:
     sequential: bool = True
     disclosure: str = "exact"
     own: OwnModel | None = None
+    rival: Rival | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "regimes", validation.count(self.regimes, "regimes", least=2))
@@ -88,8 +92,14 @@ class BacktestSettings:
         if self.turnover is not None and (self.sequential or self.disclosure != str(Disclosure())):
             raise InputError(
                 "with a limit on turnover ODM, CDM and PDM decide near the weights they published last; the sequential rule "
-                "cannot, because its prices are of one problem that stays the same every month, and a disclosure is read by "
-                "observers who know such a rule: leave both out (--no-sequential, sequential=False), or the limit"
+                "cannot, because its portfolios and their prices are fixed for all decisions, and what turnover allows depends "
+                "on the weights held; a disclosure is read by observers of rules that do not change from one decision to the "
+                "next: leave both out (--no-sequential, sequential=False), or the limit"
+            )
+        if self.turnover is not None and self.rival is not None:
+            raise InputError(
+                "with a limit on turnover no aware observer is modelled, whose estimates say what the weights are worth to a "
+                "rival: leave out the rival (--rival), or the limit"
             )
 
     @property

@@ -22,9 +22,10 @@ from inscrutable.experiments.episodes import Episode, Record, relative_increase
 from inscrutable.experiments.holding import estimate_quality
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.performance import Performance, SharpeDifference
+from inscrutable.experiments.rivals import is_own
 from inscrutable.mechanisms.disclosures import EXACT
 from inscrutable.mechanisms.joint import top_states
-from inscrutable.privacy import RivalProblem
+from inscrutable.privacy import Loss, RivalProblem
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
 from inscrutable.worlds import FittedWorld, HiddenMarkovModel
@@ -58,6 +59,7 @@ class Backtest:
         aware: What the aware observers read; None where a target is given per step, and where turnover is limited.
         sequential: The sequential rule, which published as `SEQUENTIAL`; None where it did not.
         public: Estimates of observers who follow a public number; None in results of before there were any.
+        rival: The loss of the rival to whom beliefs and weights are worth something; None: by the investor's own problem.
 
     Source: the paper's Section V-A on data instead of a simulation. Example: see `run_backtest`.
     """
@@ -75,6 +77,7 @@ class Backtest:
     aware: AwareReading | None = None
     sequential: SequentialPart | None = None
     public: BesideWeights | None = None
+    rival: Loss | None = None
 
     @property
     def assets(self) -> tuple[str, ...]:
@@ -195,6 +198,16 @@ class Backtest:
         """Why the figures may be no result: a fit that collapsed, beliefs that hardly move; empty where nothing is wrong."""
         fitted = replace(self.fit, world=self.world).doubt
         return tuple(filter(None, [fitted, *resting_beliefs(self.beliefs)]))
+
+    @property
+    def rivals_loss(self) -> Loss:
+        """The loss of the rival to whom beliefs and weights are worth something."""
+        return RivalProblem(self.problem) if self.rival is None else self.rival
+
+    @property
+    def rival_is_own(self) -> bool:
+        """Whether that rival has the investor's own problem, so that it can hold the published weights."""
+        return is_own(self.rivals_loss, self.problem)
 
     @cached_property
     def silence_regret(self) -> float:
@@ -328,12 +341,13 @@ def _aware_figures(result: Backtest, name: str) -> dict[str, float]:
 
 
 def _worths(result: Backtest, name: str, mean: Array) -> dict[str, float]:
-    """What beliefs and weights are worth to a rival with the investor's own problem, judged by the investor's beliefs.
+    """What beliefs and weights are worth to the rival, judged by the investor's beliefs.
 
-    The rival plays what suits the long-run mean of the belief, its estimate given all weights, or the weights themselves.
+    The rival plays what suits the long-run mean of the belief, or its estimate given all weights; one with the investor's own
+    problem may play the weights themselves.
     """
-    beliefs, loss = result.beliefs.to_numpy(), RivalProblem(result.problem)
+    beliefs, loss = result.beliefs.to_numpy(), result.rivals_loss
     secret = float(loss.excess(beliefs, mean[None]).mean())
     followed = float(loss.excess(beliefs, result.followed_estimates(name).to_numpy()).mean())
-    copied = float(result.episode.records[name].expected_regret.mean())
+    copied = float(result.episode.records[name].expected_regret.mean()) if result.rival_is_own else float("nan")
     return {"worth_secret": secret, "worth_followed": secret - followed, "worth_copied": secret - copied}

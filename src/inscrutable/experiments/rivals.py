@@ -64,7 +64,7 @@ Rival = Annotated[
     Annotated[OwnRival | MarkowitzRival | FiniteRival | NamingRival, Field(discriminator="kind")],
     BeforeValidator(markowitz_unless_told),
 ]
-_RIVAL: TypeAdapter[Any] = TypeAdapter(Rival)
+RIVAL: TypeAdapter[Any] = TypeAdapter(Rival)
 
 
 def read_rival(path: Path) -> Any:
@@ -77,7 +77,7 @@ def read_rival(path: Path) -> Any:
     if set(data) != {"problem"}:
         raise InputError(f"{path} has the keys {sorted(data)}, expected the section [problem] alone")
     try:
-        return _RIVAL.validate_python(data["problem"])
+        return RIVAL.validate_python(data["problem"])
     except ValidationError as error:
         raise InputError(f"{path}, section [problem]: {first_mistake(error)}") from None
 

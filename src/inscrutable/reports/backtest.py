@@ -17,6 +17,8 @@ from inscrutable.experiments.backtest_sequential import SHARE_OF_SILENCE
 from inscrutable.experiments.holding import estimate_quality
 from inscrutable.experiments.performance import LEVEL, REPLICATES
 from inscrutable.mechanisms.disclosures import EXACT
+from inscrutable.privacy import RivalProblem
+from inscrutable.problems import MarkowitzProblem
 from inscrutable.reports.backtest_plots import draw_backtest
 from inscrutable.reports.backtest_verdict import cautions, limits, verdict
 from inscrutable.worlds import GaussianEmission
@@ -139,9 +141,7 @@ def _rows(result: Backtest) -> list[_Row]:
         _Row("error_ceiling", "  ceiling: largest such error of any rule of that regret", style=".3f"),
         _Row("bits_followed", "  leakage of one more decision, bits"),
         *_disclosed_rows(result),
-        _Row("worth_secret", f"worth of the beliefs to a rival who invests alike, bp per {word}", _BASIS_POINTS),
-        _Row("worth_followed", "  of reading all weights so far", _BASIS_POINTS),
-        _Row("worth_copied", "  of holding the published weights, as they are", _BASIS_POINTS),
+        *_worth_rows(result),
         *_public_rows(result),
         _Row("n_nothing_affordable", f"{word}s in which no privacy was affordable", style=".0f"),
     ]
@@ -154,6 +154,24 @@ def _disclosed_rows(result: Backtest) -> list[_Row]:
     return [
         _Row("share_regime_named_disclosed", f"{word}s in which it names it from {shown}, %", _PERCENT, ".1f"),
         _Row("error_disclosed", f"  error of its estimate from {shown}, r.m.s.", style=".3f"),
+    ]
+
+
+def _worth_rows(result: Backtest) -> list[_Row]:
+    """What beliefs and weights are worth to the rival; it can hold the weights where it has the investor's own problem."""
+    rival, own, word = result.rivals_loss, result.rival_is_own, result.market.frequency.word
+    invests = isinstance(rival, RivalProblem) and isinstance(rival.problem, MarkowitzProblem)
+    unit = f"bp per {word}" if invests else rival.unit
+    form: tuple[float, str] = (_BASIS_POINTS, ".2f") if invests else (1.0, ".3g")
+    copied = [_Row("worth_copied", "  of holding the published weights, as they are", *form)] if own else []
+    return [
+        _Row(
+            "worth_secret",
+            f"worth of the beliefs to {'a rival who invests alike' if own else 'the rival'}, {unit}",
+            *form,
+        ),
+        _Row("worth_followed", "  of reading all weights so far", *form),
+        *copied,
     ]
 
 
@@ -273,10 +291,28 @@ def _aware_notes(result: Backtest) -> list[str]:
         "it takes each decision, alone, for the nearest one on that grid, and estimates the posterior mean. Over time it "
         "remembers every decision and knows the Markov chain of the belief in the fitted regimes, with a probability of 1% a "
         f"{word} of any other belief.",
-        "Worth: the gain of a rival, an observer with the investor's own problem, over the best portfolio for the long-run "
-        "mean of the belief, by the investor's beliefs. The rival knows the beliefs, or infers them, or copies the published "
-        "weights. Copying cannot be prevented: its gain and the investor's regret add up to the worth of the beliefs.",
+        _worth_note(result),
     ]
+
+
+def _worth_note(result: Backtest) -> str:
+    if result.rival_is_own:
+        return (
+            "Worth: the gain of a rival, an observer with the investor's own problem, over the best portfolio for the long-run "
+            "mean of the belief, by the investor's beliefs. The rival knows the beliefs, or infers them, or copies the "
+            "published weights. Copying cannot be prevented: its gain and the investor's regret add up to the worth of the "
+            "beliefs."
+        )
+    said = (
+        "Worth: the gain of the rival, an observer with a problem of its own, over its best decision for the long-run mean "
+        "of the belief, by the investor's beliefs. The rival knows the beliefs, or infers them from all weights so far."
+    )
+    if result.sequential is None:
+        return said
+    return (
+        f"{said} {SEQUENTIAL} reveals least information, whatever the rival's problem: prices for a rival's loss take minutes "
+        "to find."
+    )
 
 
 def _sequential_notes(result: Backtest) -> list[str]:
@@ -347,7 +383,9 @@ def summary_data(result: Backtest) -> dict[str, Any]:
     """Return what `summary.json` holds: plain data, no clock, no path of this machine."""
     settings, market = result.settings, result.market
     chosen = {**vars(settings), "measure": repr(settings.measure), "budget": asdict(result.budget)}
-    own = chosen.pop("own")
+    own, rival = chosen.pop("own"), chosen.pop("rival")
+    if rival is not None:
+        chosen["rival"] = rival.model_dump(exclude_none=True)
     if own is not None:
         chosen["own"] = own.file.model_dump(exclude_none=True)
     best = max(restart.log_likelihood for restart in result.fit.restarts)

@@ -195,13 +195,19 @@ class RegretSearch:
     """The game of a problem and a prior on some candidates, solved for some of the guarantees or all."""
 
     def __init__(
-        self, problem: DecisionProblem, prior: Prior, candidates: Candidates | ArrayLike | None, gap: float
+        self,
+        problem: DecisionProblem,
+        prior: Prior,
+        candidates: Candidates | ArrayLike | None,
+        gap: float,
+        *,
+        plausible_only: bool = False,
     ) -> None:
         self.problem = problem
         some = prior.weights > 0
         beliefs, weights = prior.beliefs[some], prior.weights[some]
         given = _few_decoys(problem) if candidates is None else as_candidates(problem, candidates)
-        self.columns = columns_of(problem, given, False).joined(np.vstack([beliefs, prior.mean]))
+        self.columns = columns_of(problem, given, plausible_only).joined(np.vstack([beliefs, prior.mean]))
         self.optimal_costs = np.asarray(problem.optimal_cost(beliefs))
         self.regrets = self.columns.regrets(beliefs, self.optimal_costs)
         first = first_same(np.vstack([self.columns.points, problem.solve_points(beliefs)]))[len(self.columns) :]

@@ -171,7 +171,8 @@ def promised(
     Raises:
         ModelError: No rule on these candidates gives them all; which of them are in conflict.
     """
-    search = RegretSearch(maker.problem, maker.prior, maker._given, 1.0)
+    plausible_only = maker.options.plausible_only
+    search = RegretSearch(maker.problem, maker.prior, maker._given, 1.0, plausible_only=plausible_only)
     game, regrets = search.game, search.regrets
     parts = shares(game.weights)
     limits = maker.budget.limits(search.optimal_costs)
@@ -234,5 +235,9 @@ def guarantees_of(given: object, worst_regret: object) -> tuple[Guarantee, ...]:
     if any(isinstance(each, Budget) for each in held):
         raise InputError("guarantees must be others than budgets: the decision maker has one of its own")
     if held and worst_regret is not None:
-        raise InputError("worst_regret cannot be asked for together with guarantees")
+        raise InputError(
+            "worst_regret cannot be asked for together with guarantees, which are met by playing decisions of other beliefs "
+            "now and then, whatever their regret: give guarantees with a budget alone (of RateDistortionDecisionMaker in the "
+            "mean, of StackelbergDecisionMaker for every belief), or worst_regret alone"
+        )
     return tuple(each for each in held if isinstance(each, Guarantee))

@@ -73,13 +73,6 @@ class Extension:
     def __hash__(self) -> int:
         return hash((self.spec, self.sha256))
 
-    def made(self, given: Mapping[str, Any], keys: Mapping[str, Any]) -> Any:
-        """Return the object: made with what the study fills in, of what it asks for, and the file's keys."""
-        thing = loaded(self)
-        known = {*self.needed, *self.defaults}
-        filled = {name: given[name] for name in self.given} | {key: keys[key] for key in keys if key in known}
-        return thing(**filled)
-
 
 def extensions_of(specs: Iterable[str]) -> tuple[Extension, ...]:
     """Return extensions by what a caller names them, in that order.

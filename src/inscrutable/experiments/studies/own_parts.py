@@ -28,6 +28,7 @@ from inscrutable.experiments.studies.extensions import (
     Extension,
     loaded,
 )
+from inscrutable.experiments.studies.own_calls import own_number, own_part
 from inscrutable.privacy import PrivacyMeasure
 
 _SCALAR: Any = bool | int | float | str
@@ -56,7 +57,7 @@ class OwnMaker(MakerSection):
         rng = seed() if "rng" in cls.extension.given else None
         budget = amount if isinstance(amount, Budget) else None
         given = {"problem": setting.problem, "budget": budget, "prior": setting.prior, "candidates": setting.candidates}
-        return cls.extension.made(given | {"rng": rng}, chosen)
+        return own_part(cls.extension, given | {"rng": rng}, chosen)
 
 
 class OwnObserver(ObserverSection):
@@ -69,7 +70,7 @@ class OwnObserver(ObserverSection):
         """Return it."""
         setting, played = observed.setting, observed.behaviour.mechanism
         given = {"problem": setting.problem, "prior": setting.prior, "mechanism": played, "regret": observed.asked}
-        return cls.extension.made(given, chosen)
+        return own_part(cls.extension, given, chosen)
 
 
 class OwnProblem(Section):
@@ -121,17 +122,14 @@ def _measured(extension: Extension, observed: Observed) -> float:
     problem, played = observed.setting.problem, observed.behaviour.mechanism
     if not isinstance(thing, PrivacyMeasure) and not isinstance(thing, type):
         given = {"mechanism": played, "prior": observed.setting.prior, "problem": problem}
-        return _number(extension, extension.made(given, {}))
+        return own_number(extension, given)
     measure = _goal(extension)
     joint = observed.joint
     shown = np.flatnonzero(joint.played > 0)
     sets = consistent_sets(problem, problem.check_actions(np.asarray(played.actions)[shown]))
     place = np.zeros(joint.n_actions, dtype=np.intp)
     place[shown] = np.arange(len(shown))
-    values = [
-        _number(extension, measure(joint.beliefs[b], sets[int(place[m])]))
-        for b, m in zip(joint.row, joint.column, strict=True)
-    ]
+    values = [measure(joint.beliefs[b], sets[int(place[m])]) for b, m in zip(joint.row, joint.column, strict=True)]
     return float(joint.mass @ np.array(values))
 
 
@@ -148,16 +146,8 @@ def _hiding(kind: type[CounterAdversarial | Probabilistic], own: Mapping[str, Ex
 
 
 def _goal(extension: Extension) -> PrivacyMeasure:
-    thing = loaded(extension)
-    found: PrivacyMeasure = thing if isinstance(thing, PrivacyMeasure) else thing()
+    found: PrivacyMeasure = own_part(extension, {}, {})
     return found
-
-
-def _number(extension: Extension, value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{extension.spec} gave {value!r:.60}; expected one number") from None
 
 
 @lru_cache(maxsize=8)

@@ -166,7 +166,7 @@ class TaskRunner(ABC):
         except InscrutableError as reason:
             status, error = FAILED, f"{type(reason).__name__}: {reason}"
         except Exception as reason:
-            _pass_interrupt(reason)
+            pass_interrupt(reason)
             status, error = FAILED, f"unexpected {type(reason).__name__}: {reason}"
         return Done(task, status, found, time.perf_counter() - started, error)
 
@@ -177,7 +177,7 @@ class TaskRunner(ABC):
         return Row(task.number, task.key, task.text, str(seed), status, figures_text(figures), duration, error)
 
 
-def _pass_interrupt(error: BaseException) -> None:
+def pass_interrupt(error: BaseException) -> None:
     """Give way to Ctrl-C: compiled code may report it as an error of its own, and it is then sent again at once."""
     cause: BaseException | None = error
     while cause is not None:

@@ -23,6 +23,7 @@ from inscrutable.experiments.random_markets import MarketLaw, random_market
 from inscrutable.experiments.rivals import weight_limits
 from inscrutable.experiments.studies.extensions import Extension
 from inscrutable.experiments.studies.layout import FittedWorldSection, GivenWorld
+from inscrutable.experiments.studies.own_calls import own_part
 from inscrutable.files import reason
 from inscrutable.problems import (
     DecisionProblem,
@@ -30,7 +31,7 @@ from inscrutable.problems import (
     PowerNetwork,
     dispatch_problem,
 )
-from inscrutable.validation import Array
+from inscrutable.validation import Array, real_array
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel, PublicPart, fit_gaussian_hmm
 
 EMBEDDED = "industries"
@@ -176,16 +177,18 @@ def _quantiles(world: HiddenMarkovModel, emission: GaussianEmission, weights: Ar
 
 def own_world(extension: Extension, chosen: Mapping[str, Any]) -> Regimes:
     """Return the regimes of an observation law of a user's own; its means and covariances, where it has some."""
-    emission = extension.made({}, chosen)
+    emission = own_part(extension, {}, chosen)
     world = HiddenMarkovModel(chosen["transition"], emission)
     nothing = np.zeros((world.n_states, 0))
     means = getattr(emission, "means", nothing)
-    return Regimes(np.asarray(means), np.asarray(getattr(emission, "covariances", nothing[:, :, None])), world)
+    covariances = getattr(emission, "covariances", nothing[:, :, None])
+    said = f"{extension.spec}:"
+    return Regimes(real_array(means, f"{said} means"), real_array(covariances, f"{said} covariances"), world)
 
 
 def own_problem(extension: Extension, chosen: Mapping[str, Any], regimes: Regimes) -> DecisionProblem:
     """Return a decision problem of a user's own."""
-    found: DecisionProblem = extension.made({"means": regimes.means, "covariances": regimes.covariances}, chosen)
+    found: DecisionProblem = own_part(extension, {"means": regimes.means, "covariances": regimes.covariances}, chosen)
     return found
 
 

@@ -310,8 +310,8 @@ def _worth_note(result: Backtest) -> str:
     if result.sequential is None:
         return said
     return (
-        f"{said} {SEQUENTIAL} reveals least information, whatever the rival's problem: prices for a rival's loss take minutes "
-        "to find."
+        f"{said} {SEQUENTIAL} reveals least information, whatever the rival's problem: prices for a rival's loss take ten "
+        "times as long to find."
     )
 
 

@@ -204,7 +204,6 @@ def backtest(
     """
     from inscrutable.experiments.backtest import BacktestSettings, run_backtest
     from inscrutable.experiments.rivals import read_rival
-    from inscrutable.reports.backtest import write_backtest
 
     if sum(option is not None for option in (returns, prices)) + daily > 1:
         raise UsageError("--returns, --prices and --daily exclude one another: give one of them")
@@ -255,16 +254,21 @@ def backtest(
     speech.log(f"{table.shape[1]} assets, {len(table)} rows; {fitting} up to {train_until}")
     with speech.progress("Decisions") as move:
         result = run_backtest(table, settings, beliefs=held, riskless=rate, beside=beside, progress=move)
+    _show_backtest(result, folder, _written(result, folder, speech), speech)
+    return _said("; ".join(result.doubts), ModelError.exit_code, kind="doubtful") if strict and result.doubts else 0
+
+
+def _written(result: Backtest, folder: Path, speech: Speech) -> list[Path]:
+    """The files of a backtest."""
+    from inscrutable.reports.backtest import write_backtest
+
     speech.log("Drawing the figures")
     files = write_backtest(result, folder)
-    if settings.turnover is None:
+    if result.settings.turnover is None:
         files = [*files, *write_report(result, folder)]
     else:
         speech.log("No report.html: the page shows other budgets, which are not computed under a limit on turnover")
-    files.append(result.investor.save(folder / "model.json"))
-    files = replaced(folder, "backtest", files, speech)
-    _show_backtest(result, folder, files, speech)
-    return _said("; ".join(result.doubts), ModelError.exit_code, kind="doubtful") if strict and result.doubts else 0
+    return replaced(folder, "backtest", [*files, result.investor.save(folder / "model.json")], speech)
 
 
 def _show_backtest(result: Backtest, folder: Path, files: list[Path], speech: Speech) -> None:

@@ -116,6 +116,11 @@ def test_on_a_belief_that_stays_nothing_is_revealed_twice(fresh_rng: np.random.G
             np.testing.assert_allclose(sequence.observer.weights, held, atol=1e-12)
 
 
+def test_a_decision_that_gains_nothing_does_not_enter_at_a_small_barrier() -> None:
+    """Newton's steps for the rival's best answer to it stalled near a wrong one, and the step was not solved."""
+    test_on_a_belief_that_stays_nothing_is_revealed_twice(np.random.default_rng(2659414260), 0.1)
+
+
 @pytest.mark.parametrize("disclosure", [None, delayed(1), every(2)], ids=str)
 def test_a_rival_who_estimates_the_belief_is_the_square_error(fresh_rng: np.random.Generator, disclosure) -> None:
     """On the simplex |a|² − 2 π·a is least at a = π, where it is −|π|²: the square error less what no decision changes."""

@@ -126,11 +126,16 @@ def _priced(weights: Any, data: StepData, price: float, columns: Any, point: Poi
         apart -= mean[i] ** 2
     if data.width > 0:  # of shares, which add up to one
         apart = 1.0
+    known = estimates.copy()
     _guesses(weights, data, price, columns, point, estimates)
     for whole in range(2):
         for m in range(gains.size):
             if whole == 1 or gains[m] > _SOLVED:
                 gains[m] = gain_at(logs, data, price, m, estimates[m], powers)
+                # Near a wrong answer Newton's steps stall at a small barrier: the last estimate may be the better start.
+                before = gain_at(logs, data, price, m, known[m], powers) if data.width > 0 else np.inf
+                if before < gains[m]:
+                    gains[m], estimates[m] = before, known[m]
         for k in range(columns.size):
             gains[columns[k]] = 0.0
         added = _joining(logs, data, price, gains, estimates, _APART * apart)
@@ -265,7 +270,7 @@ def solved_step(weights: Any, data: StepData, kept: int, near: Any, near_law: An
     starts from the decisions `near` of a similar case, with their law and estimates, where there are any.
     """
     d, count = data.points.shape
-    gains, estimates = np.full(len(data.values), -np.inf), np.empty((len(data.values), d))
+    gains, estimates = np.full(len(data.values), -np.inf), np.full((len(data.values), d), 1.0 / (data.width + 1.0))
     columns = _covering(weights, data)
     if columns.size == 1 and kept >= 0 and _is_tied(weights, data, kept, columns[0]):
         columns[0] = kept

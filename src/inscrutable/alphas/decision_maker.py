@@ -66,13 +66,13 @@ class AlphaDecisionMaker:
         ModelError: S or Q is indefinite, the world has no steady filter, or trading cannot follow the mean.
         SolverError: At first use: the iteration over time did not converge, and the silence regret is infinite.
 
-    Cost: one decision: O(k³), 15 s for 3,000 alphas with a dense S; where S is a `FactorRisk` with the exposures of the
-    problem's and specific variances in proportion, "information" takes O(n (factors)²) and memory linear in assets. "error"
-    whose weights do not commute with Θ takes one or two decompositions in single precision and one or two in double: for
-    3,000 alphas 22 s of one core on a busy machine. Over time: some seconds for 100 signals; "error" takes O(k⁶), 0.3 s for
-    40 signals and 25 s for 100, at a gap of some 1e-6. Above 120 signals, and with "information" near a spectral radius of
-    one, the rule is found by an iteration that converges slowly: it ends after 20,000 steps with the best rule, its gap and
-    the status BOUNDED where that is above 1e-4.
+    Cost: one decision: O(k³), for 3,000 alphas with a dense S 9 s on two cores, 12 s on one; where S is a `FactorRisk` with the
+    exposures of the problem's and specific variances in proportion, "information" takes O(n (factors)²) and memory linear in
+    assets. "error" whose weights do not commute with Θ takes one or two decompositions in single precision and one or two in
+    double: for 3,000 alphas 13 s on two cores, 19 s on one. Over time: some seconds for 100 signals; "error" takes O(k⁶), 0.3 s
+    for 40 signals and 25 s for 100, at a gap of some 1e-6. Above 120 signals, and with "information" near a spectral radius of
+    one, the rule is found by an iteration that converges slowly: it ends after 20,000 steps with the best rule, its gap and the
+    status BOUNDED where that is above 1e-4.
 
     Source: Cover and Thomas (2006), section 10.3.3, for one decision; Tanaka, Kim, Parrilo, Mitter (IEEE Trans. AC 62, 2017)
     and Tanaka, Esfahani, Mitter (IEEE Trans. AC 63, 2018) over time.

@@ -27,7 +27,7 @@ def found() -> Backtest:
 
 
 def with_figures(found: Backtest, **given: float) -> Backtest:
-    """The backtest with other figures of its CDM and PDM."""
+    """The backtest with other figures of all its decision makers."""
     changed = replace(found)
     changed.__dict__["figures"] = {name: {**found.figures[name], **given} for name in found.names}
     return changed
@@ -61,6 +61,23 @@ def test_a_rival_who_names_the_regime_nearly_always_is_not_held_off(found: Backt
 def test_an_estimate_half_as_wrong_is_not_held_off(found: Backtest) -> None:
     figures = with_figures(found, error_without=0.5, base_rate=0.5, error_face_value=0.3, share_regime_named=0.5)
     assert "at face value: by none:" in line_of(figures, "at face value")
+
+
+def test_nothing_is_judged_where_unprotected_weights_pass_as_well(found: Backtest) -> None:
+    """One regime is nearly always the likeliest: what others reach is not their merit."""
+    asked = Requirement(error_without=0.175, chance=0.986)
+    unprotected, other = Reached("ODM", 0.561, 0.986), Reached("CDM", 0.3, 0.95)
+    told = "cannot be judged, as without protection it is hidden as well, by ODM (error 0.56, named 99%)"
+    assert asked.judge([other], unprotected) == told
+    assert asked.judge([other], Reached("ODM", 0.1, 0.986)) == asked.judge([other]) == "by CDM (error 0.30, named 95%)"
+    given = {"error_without": 0.175, "base_rate": 0.986, "error_face_value": 0.561, "share_regime_named": 0.986}
+    figures = with_figures(found, **given, error_followed=0.0, share_regime_named_followed=1.0)
+    assert "hides the investor's belief from the naive observer" in verdict(figures)[0]
+    assert "the optimal weights, without protection, pass as well" in verdict(figures)[0]
+    assert "at face value: cannot be judged" in line_of(figures, "at face value")
+    assert "by none: " in line_of(figures, "aware observer, who knows the rules")
+    both = with_figures(found, **given, error_followed=0.3, share_regime_named_followed=0.95)
+    assert "from both observers: the optimal weights" in verdict(both)[0]
 
 
 def test_the_best_come_first_and_those_without_an_estimate_are_not_judged() -> None:

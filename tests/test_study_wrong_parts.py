@@ -163,3 +163,13 @@ def test_a_wrong_part_is_named_with_what_is_wrong(number, tmp_path, monkeypatch)
     assert bool(errors) == bool(said), errors
     if said:
         assert re.search(rf"^task 0 \(\w+\): InputError: {module}:Wrong{said}", errors), errors
+
+
+def test_an_observation_model_without_means_needs_a_problem_of_its_own(tmp_path, monkeypatch):
+    (tmp_path / "without_means.py").write_text(PARTS)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    plan = plan_of("Coin") | {"world": {"kind": "Coin", "transition": [[0.9, 0.1], [0.3, 0.7]]}}
+    del plan["problem"]
+    study = run_study(Study.of(plan, extensions=["without_means:Coin"]), tmp_path / "out")
+    sys.modules.pop("without_means")
+    assert "of kind markowitz takes the means and covariances of the observations" in "\n".join(study.errors())

@@ -100,12 +100,15 @@ class Requirement:
             f"{self.most_named:.0%} of {cases} (a third of the way from chance, {self.chance:.0%}, to always)."
         )
 
-    def judge(self, reached: Sequence[Reached]) -> str:
+    def judge(self, reached: Sequence[Reached], unprotected: Reached | None = None) -> str:
         """Return which decision makers hide the belief and which do not, with the error and the share of right namings reached.
 
         A figure that misses its bound stands beside it. The best come first, three of each at most. One whose decisions no
-        belief explains is named and not judged.
+        belief explains is named and not judged. Where `unprotected` decisions pass as well, none is judged: what the others
+        reach is not their merit.
         """
+        if unprotected is not None and self.is_met(unprotected):
+            return f"cannot be judged, as without protection it is hidden as well, by {self._listed([unprotected])}"
         blind = [each.name for each in reached if math.isnan(each.error)]
         known = sorted((each for each in reached if not math.isnan(each.error)), key=self._margin, reverse=True)
         unread = f"no belief explains any decision of {' or '.join(blind)}"

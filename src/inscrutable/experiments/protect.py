@@ -108,11 +108,15 @@ class Protection:
         without = estimate_quality(np.tile(long_run, (len(self), 1)), self.beliefs)
         asked = Requirement(*without)
         reached = [
-            Reached(name, *estimate_quality(np.array([each.center() for each in played.belief_set]), self.beliefs))
-            for name, played in (("CDM", self.deterministic), ("PDM", self.drawn))
+            Reached(name, *estimate_quality(np.array([each.center() for each in sets]), self.beliefs))
+            for name, sets in (
+                ("ODM", self.optimal_sets),
+                ("CDM", self.deterministic.belief_set),
+                ("PDM", self.drawn.belief_set),
+            )
         ]
         return (
-            f"Hidden from the naive observer, who takes the weights at face value: {asked.judge(reached)}.\n"
+            f"Hidden from the naive observer, who takes the weights at face value: {asked.judge(reached[1:], reached[0])}.\n"
             f"{asked.meaning(without='weights', state='regime', cases='the rows')}\n"
             "A backtest and a comparison judge the aware observer, who knows the rule."
         )

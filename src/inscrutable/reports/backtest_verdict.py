@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,11 +25,17 @@ def answer(result: Backtest) -> str:
     asked, figures = _asked(result), result.figures
     if any(np.isnan(figures[name][key]) for name in hiding for key in ("error_face_value", "error_followed")):
         return ""
+    odm = figures[result.names[0]]
+    hidden = [who for who, seen in _SEEN.items() if asked.is_met(seen.reached(result.names[0], odm))]
+    if hidden:
+        whom = f"the {hidden[0]} observer" if len(hidden) == 1 else "both observers"
+        return (
+            f"In short: these {result.market.frequency.word}s do not tell who hides the investor's belief from {whom}: the "
+            f"{FULL_NAMES['ODM']} weights, without protection, pass as well."
+        )
     groups: dict[str, list[str]] = {}
     for name in hiding:
-        own = figures[name]
-        naive = asked.is_met(Reached(name, own["error_face_value"], own["share_regime_named"]))
-        aware = asked.is_met(Reached(name, own["error_followed"], own["share_regime_named_followed"]))
+        naive, aware = (asked.is_met(seen.reached(name, figures[name])) for seen in _SEEN.values())
         groups.setdefault(_WHOM[naive, aware], []).append(name)
     unit = f" basis points of risk-adjusted return a {result.market.frequency.word}"
     parts: list[str] = []
@@ -41,6 +48,21 @@ def answer(result: Backtest) -> str:
     return f"In short: {'; '.join(parts)}."
 
 
+class _Seen(NamedTuple):
+    """Keys of the figures of one observer."""
+
+    error: str
+    named: str
+
+    def reached(self, name: str, figures: Mapping[str, float]) -> Reached:
+        """What the observer's estimate reaches under a decision maker."""
+        return Reached(name, figures[self.error], figures[self.named])
+
+
+_SEEN = {
+    "naive": _Seen("error_face_value", "share_regime_named"),
+    "aware": _Seen("error_followed", "share_regime_named_followed"),
+}
 _WHOM = {
     (True, True): "both observers",
     (False, True): "the aware observer alone",
@@ -68,16 +90,14 @@ def verdict(result: Backtest) -> list[str]:
         lines.append(f"Read by the naive observer from altered weights: {named}.")
     else:
         asked = _asked(result)
-        for who, error, named in (
-            ("naive observer, who takes the weights at face value", "error_face_value", "share_regime_named"),
-            (
-                f"aware observer, who knows the rules and follows all {word}s",
-                "error_followed",
-                "share_regime_named_followed",
-            ),
-        ):
-            reached = [Reached(full_name(name), figures[name][error], figures[name][named]) for name in hiding]
-            lines.append(f"Hidden from the {who}: {asked.judge(reached)}.")
+        described = {
+            "naive": "naive observer, who takes the weights at face value",
+            "aware": f"aware observer, who knows the rules and follows all {word}s",
+        }
+        for who, seen in _SEEN.items():
+            reached = [seen.reached(full_name(name), figures[name]) for name in hiding]
+            unprotected = seen.reached(full_name(odm), own)
+            lines.append(f"Hidden from the {described[who]}: {asked.judge(reached, unprotected)}.")
     return [*lines, _price(result, hiding)]
 
 
@@ -162,6 +182,8 @@ def _other_draws(result: Backtest) -> list[str]:
     if result.sequential is None or not result.sequential.others:
         return []
     asked, beliefs, others = _asked(result), result.beliefs.to_numpy(), result.sequential.others
+    if asked.is_met(_SEEN["aware"].reached("ODM", result.figures[result.names[0]])):
+        return []
     held = sum(asked.is_met(Reached(SEQUENTIAL, *estimate_quality(each, beliefs))) for each in others)
     if held == len(others):
         return []

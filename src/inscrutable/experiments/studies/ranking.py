@@ -105,16 +105,18 @@ def protection(means: StudyMeans, setting: int, budget: float | None) -> list[st
         asked = Requirement(error_without, min(chance, 1.0))
         judged = [means.place.get(f"{name}, {observer}") for name in JUDGED]
         error, named = ({} if place is None else ranking(means, setting, budget, place).by_play for place in judged)
-        reached = [Reached(means.makers[p], error[p], named[p]) for p in sorted(error) if p in named and hides[p]]
+        found = {p: Reached(means.makers[p], error[p], named[p]) for p in sorted(error) if p in named}
+        reached = [each for p, each in found.items() if hides[p]]
         if not reached:
             continue
+        unprotected = next((each for p, each in found.items() if not hides[p]), None)
         first = asked if first is None else first
         own = (
             f" (for it errors of {asked.least_error:.2f} and namings of {asked.most_named:.0%})"
             if asked != first
             else ""
         )
-        parts.append(f"Hidden from the {spoken_observer(observer)} observer{own}: {asked.judge(reached)}.")
+        parts.append(f"Hidden from the {spoken_observer(observer)} observer{own}: {asked.judge(reached, unprotected)}.")
     return [] if first is None else [*parts, first.meaning(without="decisions", state="state", cases="the cases")]
 
 

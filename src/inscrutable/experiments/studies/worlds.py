@@ -194,6 +194,11 @@ def own_problem(extension: Extension, chosen: Mapping[str, Any], regimes: Regime
 
 def problem_of(section: dict[str, Any], regimes: Regimes, network: PowerNetwork | None = None) -> DecisionProblem:
     """Return the decision problem in given regimes, on a network of the reader's own where there is one."""
+    if not regimes.means.shape[1]:
+        raise InputError(
+            f"a problem of kind {section['kind']} takes the means and covariances of the observations, and this observation "
+            "model has neither: give it `means` and `covariances`, or name a problem of your own"
+        )
     if section["kind"] == "dispatch":
         deviations = np.sqrt(np.diagonal(regimes.covariances, axis1=1, axis2=2))
         return dispatch_problem(

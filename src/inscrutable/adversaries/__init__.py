@@ -1,4 +1,4 @@
-"""Step 4: what an observer infers from a decision."""
+"""Observers: what somebody infers about the belief from a decision."""
 
 from inscrutable.adversaries.bayesian import BayesianAdversary, Posterior, PosteriorStatus
 from inscrutable.adversaries.budget_aware import AffordableBeliefs, affordable_beliefs

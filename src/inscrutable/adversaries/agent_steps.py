@@ -1,4 +1,4 @@
-"""How an agent's private belief moves with what it observes, for many beliefs and observations at once."""
+"""The agent's belief update after each observation, for many beliefs and observations at once."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class AgentModel:
         self.world = world
 
     def symbols(self) -> Array:
-        """Return p(y | x) for every symbol of a categorical sensor, of a public one for every pair, shape (Y,X)."""
+        """Return p(y | x) of every symbol, or of every pair (private, public) where a sensor is public, shape (Y,X)."""
         pairs = joint_symbols(self.world.emission, self.world.public)
         assert pairs is not None
         return np.asarray(pairs.probabilities.T)
 
     def likelihoods(self, observations: Any) -> Array:
-        """Return p(y_n | x) of the private sensor, each row scaled to a largest entry of one, shape (N,X)."""
+        """Return p(y_n | x) of the private sensor, shape (N,X); the largest entry of each row is scaled to one."""
         return scaled_likelihoods(self.world.emission, observations)
 
     def first(self, likelihoods: Array) -> Array:
@@ -45,7 +45,7 @@ class AgentModel:
 
 
 def scaled_likelihoods(sensor: Emission, observations: Any) -> Array:
-    """Return p(y_n | x), each row scaled to a largest entry of one, shape (N,X)."""
+    """Return p(y_n | x), shape (N,X); the largest entry of each row is scaled to one."""
     logs = np.asarray(sensor.log_likelihoods(observations), dtype=np.float64)
     largest = logs.max(axis=1, keepdims=True)
     return np.exp(logs - np.where(np.isfinite(largest), largest, 0.0))

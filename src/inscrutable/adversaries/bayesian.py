@@ -24,7 +24,7 @@ from inscrutable.validation import Array
 
 @saved_choice
 class PosteriorStatus(Enum):
-    """How a posterior came about; the text says what to do about it.
+    """Whether the mechanism plays the observed decision; the text says what to do.
 
     Example:
         >>> PosteriorStatus.PLAYED.value
@@ -49,8 +49,8 @@ class Posterior(Summarised, Saved):
         weights: p(π_b|u), shape (B,); all NaN where the decision is never played.
         mean: E[π|u] = Σ p(π_b|u) π_b, shape (X,); NaN where the decision is never played.
         beliefs: π_b, shape (B,X), the mechanism's.
-        status: Whether the decision is played, and if not, what the numbers mean.
-        probability: p(u), how often the decision that was read is played under the prior; 0 for one never played.
+        status: Whether the mechanism plays the decision, and if not, what the numbers mean.
+        probability: p(u), the probability of the decision under the prior; 0 where it is never played.
         distance: Euclidean distance from the decision to the nearest played one, in the decision's unit; 0 for a played one.
 
     Source: Bayes' rule; the paper's outlook in Section V.
@@ -79,7 +79,7 @@ class Posterior(Summarised, Saved):
 
     @property
     def top_state(self) -> int:
-        """The best guess at the most likely state: largest Σ_b p(π_b|u) [i is a most likely state of π_b]; −1 unknown."""
+        """The state i of largest Σ_b p(π_b|u) [i is a likeliest state of π_b]; −1 where the posterior is unknown."""
         return int((self.weights @ top_states(self.beliefs)).argmax()) if self.is_known else -1
 
     @property
@@ -133,15 +133,15 @@ class BayesianAdversary:
 
     Args:
         mechanism: K(u|π), public except for the random draws.
-        prior: Weights of the mechanism's beliefs; in another order, or only some of them, is fine.
-        disclosure: What is disclosed of a decision, such as `rounded(2)`, also as text; None is all of it. Its arguments are
-            then disclosed values, `disclosure.shown(actions)`.
+        prior: Weights of the mechanism's beliefs, in any order; it may hold only some of them.
+        disclosure: What the observer sees of a decision, such as `rounded(2)`, also as text; None: all of it. With a disclosure
+            the methods take disclosed values, `disclosure.shown(actions)`.
 
     Raises:
-        InputError: A belief of the prior is none of the mechanism's; or the disclosure does not suit the decisions, leaves some
-            out, or needs returns.
+        InputError: The mechanism lacks a belief of the prior; or the disclosure does not suit the decisions, leaves some out,
+            or needs returns.
 
-    Cost: one pass over the entries of K that are not zero; then a search of a tree and a sparse column per decision.
+    Cost: one pass over the nonzero entries of K; then one tree search and one sparse column per decision.
 
     Source: Kerckhoffs' principle with Bayes' rule.
 
@@ -207,7 +207,7 @@ class BayesianAdversary:
         return np.asarray(found)
 
     def _read(self, actions: ArrayLike, nearest: bool) -> tuple[np.ndarray, list[PosteriorStatus], Array]:
-        """The nearest played decision of each, what it is to it, and how far it is."""
+        """Return the number of the nearest played decision to each action, its status, and its distance."""
         rank = np.asarray(self._seen.actions).ndim
         given = validation.finite_array(actions, "actions", ndim=rank, axes=(None, Axis("asset"))[:rank])
         points = given if given.ndim == 2 else given[:, None]

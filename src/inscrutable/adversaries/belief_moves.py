@@ -1,11 +1,11 @@
-"""How the joint law of state and private belief moves by a step, on finitely many beliefs.
+"""One step of the joint law of state and private belief, on finitely many beliefs.
 
 α_0(x,b) = p_0(x) Σ_y B[x,y] W_0[y,b],   α_{t+1}(x',b') = Σ_y B[x',y] Σ_b W_y[b,b'] Σ_x P[x,x'] α_t(x,b).
-Row (y,b) of W holds the mixture of points that stands for the agent's next belief T(π_b,y). The sums over y are taken once, in
-one sparse matrix. A chain of beliefs has one state, which carries no information.
+Row (y,b) of W holds the mixture of points that represents the agent's next belief T(π_b,y). The sums over y are computed once,
+as one sparse matrix. A chain of beliefs has one state, which carries no information.
 
-Where something is public, y stands for all that is reported at a step, and what was read of it keeps the terms that agree with
-it: there is one matrix for every public symbol, and the law then holds the probability of what was read.
+With a public sensor, y is the pair of private and public symbol. The observer's reading selects the pairs that agree with it:
+there is one matrix for each public symbol, and the total weight of the law is the probability of the reading.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from inscrutable.worlds.public import UNREAD, JointSymbols, joint_symbols
 
 
 class BeliefMoves:
-    """The step from one joint law to the next; laws (X,B,C) stand side by side.
+    """The step from one joint law to the next, for C laws at once, shape (X,B,C).
 
     Args:
         points: The beliefs, shape (B,X).
         starts: The law before the first decision with each public symbol, shape (Z,X,B).
         transition: P; of a chain a single one.
         forwards: For each public symbol the sparse matrix (X·B, X·B) of Σ_y B[x',y] W_y, transposed.
-        symbols: B[x,y], and which y go with which public symbol.
-        errors: Expected distance of T(π_b,y) from the points that stand for it, shape (B,Y).
-        start_errors: The same of the first belief, shape (Y,), times the probability of y.
-        of_chain: Whether the state is no part of the law.
+        symbols: B[x,y], and the public symbol of each y.
+        errors: Expected distance of T(π_b,y) from the points that represent it, shape (B,Y).
+        start_errors: The same distance for the first belief, shape (Y,), times the probability of y.
+        of_chain: Whether the world is a chain of beliefs, so that the law has no state.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class BeliefMoves:
 
     @property
     def n_public(self) -> int:
-        """How many public symbols there are; 1 where nothing is public."""
+        """The number of public symbols; 1 where nothing is public."""
         return len(self.starts)
 
     @property
@@ -86,25 +86,25 @@ class BeliefMoves:
         return np.asarray(found).reshape(laws.shape), np.asarray(errors)
 
     def toward(self, state: int) -> Any:
-        """Return Σ_y B[x,y] W_y of one state, a sparse matrix (B,B): how the belief moves where that state comes next."""
+        """Return Σ_y B[x,y] W_y, sparse (B,B): the transition of the belief where x is the next state."""
         some = slice(state * len(self.points), (state + 1) * len(self.points))
         return self._backwards[UNREAD][some, some]
 
     def back(self, later: Array, read: int = UNREAD) -> Array:
-        """Return likelihoods (X,B,C) of what comes later, as they are a step before."""
+        """Return the likelihoods (X,B,C) of later evidence one step earlier (backward pass)."""
         n_states, _, count = later.shape
         moved = np.asarray(self._backwards[read] @ later.reshape(-1, count))
         return np.asarray(self._transition @ moved.reshape(n_states, -1)).reshape(later.shape)
 
     def _agreeing(self, read: int) -> Any:
-        """The places of y that agree with what was read."""
+        """Return the indices of y that agree with the public symbol read."""
         return slice(None) if read == UNREAD else np.flatnonzero(self._symbols.public == read)
 
 
 def moves_of(
     world: HiddenMarkovModel | BeliefChain, points: BeliefPoints, agent_world: HiddenMarkovModel | None = None
 ) -> BeliefMoves:
-    """Return how the law moves on a chain of beliefs, or in a world whose sensors report symbols."""
+    """Return the step of the joint law for a chain of beliefs, or for a world whose sensors report symbols."""
     if isinstance(world, BeliefChain):
         world.checked_beliefs(points.points)
         return _of_chain(world)

@@ -1,10 +1,10 @@
-"""The inverse filter by particles: beliefs that the agent may hold, each with the law of the state that goes with it.
+"""The inverse filter by particles: a particle is a private belief of the agent with the law of the state given it.
 
-A particle is a private belief π_n and a joint weight a_n(x) over states, so the state is never drawn. Of a sensor with
-symbols every successor T(π_n,y) is followed, with weight Σ_x B[x',y] P[x,x'] a_n(x); of any other sensor observations are
-drawn from the observer's own prediction, given what was read of what is public. Given the path of beliefs, the memory is
-independent of the state: each particle has a law of it, which is followed exactly. Whatever was seen then weighs the
-candidates, and what exceeds the number of particles is thinned without bias and without doubles.
+A particle is a private belief π_n with a joint weight a_n(x) over states: the state is summed over, not drawn
+(Rao-Blackwellised). For a sensor with symbols, every successor T(π_n,y) becomes a candidate with weight Σ_x B[x',y] P[x,x']
+a_n(x). For any other sensor, observations are drawn from the observer's prediction given its public reading. Given the path of
+beliefs, the memory is independent of the state, so each particle carries the exact law of the memory. The evidence then weighs
+the candidates, and unbiased resampling without duplicates reduces them to the number of particles.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ _DRAWN_PER_PARTICLE = 4
 
 
 class Cloud(NamedTuple):
-    """Particles of one step."""
+    """The particles of one step."""
 
     beliefs: Array  # (N, X)
     joint: Array  # (N, X), sums to one
-    likelihoods: Array  # (N, X): of this step's observation and evidence, up to a factor of the particle's own
+    likelihoods: Array  # (N, X): likelihood of this step's observation and evidence, up to a factor per particle
     parents: np.ndarray  # (N,) particles of the step before
 
 
 class PublicReading(NamedTuple):
-    """What was read of what is public at a step."""
+    """The public observation that the observer read at a step."""
 
-    values: Any = None  # (Z,), or a symbol; None where its number alone is known, or nothing was read
+    values: Any = None  # (Z,), or a symbol; None where only its number is known, or nothing was read
     likelihoods: Any = None  # (X,): p(z|x) in the observer's world, up to exp(offset)
     own: Any = None  # (X,): the same in the agent's, up to a factor
     offset: float = 0.0
-    symbol: int = UNREAD  # where all that is reported are symbols
+    symbol: int = UNREAD  # where both sensors report symbols
     is_drawn: bool = False  # whether it was not read and has to be drawn
 
 
@@ -51,19 +51,19 @@ _NOTHING = PublicReading()
 
 
 class Remembered(NamedTuple):
-    """What the agent remembers, given each particle's path."""
+    """The law of the agent's memory, given each particle's path."""
 
     law: Array  # (N, A)
     memories: np.ndarray  # (A,)
 
     def of(self, particles: np.ndarray) -> Remembered:
-        """Return what is remembered on the paths of some particles, or of their children."""
+        """Return the laws of the memory on the paths of some particles, or of their successors."""
         return Remembered(self.law[particles], self.memories)
 
 
 @dataclass
 class _Track:
-    """What is kept of every step."""
+    """What the smoother needs of every step."""
 
     mean: Array
     spread: Array
@@ -98,7 +98,7 @@ class BeliefParticles:
         smooth: bool,
         tables: list[DecisionTables] | None = None,
     ) -> tuple[InferredBeliefs, list[DecisionTables]]:
-        """Filter a sequence, and smooth it if asked; `tables` are known where others than this observer's law made them."""
+        """Filter a sequence, and smooth it if asked; `tables` replaces the decision tables of this observer's law."""
         used: list[DecisionTables] = []
         track = _empty_track(len(evidence), self._world.n_states, len(self._points))
         clouds: list[Cloud] = []
@@ -119,7 +119,7 @@ class BeliefParticles:
                 else self._rule.at(self._on_points(before, mixture), last, seen=evidence.is_seen(t))
             )
             used.append(known)
-            if evidence.is_seen(t):  # ties go to what was seen last
+            if evidence.is_seen(t):  # ties go to the latest observation
                 last = known.action(known.column(evidence.points[t], evidence.nearest)[0])
             cloud, held = self._weighed(cloud, held, mixture, evidence, t, known, track)
             track.logs[t] += read.offset
@@ -144,7 +144,7 @@ class BeliefParticles:
         return found, used
 
     def _read(self, evidence: Evidence, t: int) -> PublicReading:
-        """What was read at a step, as likelihoods of the observer's world and of the agent's."""
+        """Return the public reading of a step, as likelihoods in the observer's world and in the agent's."""
         if evidence.public is None:
             return _NOTHING
         if evidence.public.ndim == 1:
@@ -175,7 +175,7 @@ class BeliefParticles:
         return self._drawn(cloud, predicted, seen, read, rng)
 
     def _every_symbol(self, cloud: Cloud | None, predicted: Array, seen: Array, read: PublicReading) -> Cloud:
-        """Every symbol that agrees with what was read; of a public sensor that reports real numbers, every private one."""
+        """Return a candidate for every symbol that agrees with the public reading."""
         agent = self._agent
         if self._symbols is not None:
             agreeing = read.symbol == UNREAD or self._symbols.public == read.symbol
@@ -198,9 +198,9 @@ class BeliefParticles:
     def _drawn(
         self, cloud: Cloud | None, predicted: Array, seen: Array, read: PublicReading, rng: np.random.Generator
     ) -> Cloud:
-        """Observations from Σ_x p(y|x) predicted(x), so each of a particle's draws carries an equal share of its weight.
+        """Draw observations from Σ_x p(y|x) predicted(x); the draws of a particle share its weight equally.
 
-        Given a public part z they come from Σ_x p(y|x,z) p(z|x) predicted(x).
+        Given a public part z the law is Σ_x p(y|x,z) p(z|x) predicted(x).
         """
         world, is_part = self._world, isinstance(self._world.public, PublicPart)
         predicted = predicted if read.likelihoods is None else predicted * read.likelihoods
@@ -222,7 +222,7 @@ class BeliefParticles:
             observations = world.emission.sample(states, rng=rng)
         likelihoods, reported = scaled_likelihoods(world.emission, observations), self._agent.likelihoods(observations)
         joint = predicted[parents] * likelihoods
-        # The prediction has the observer's p(z|x), the filter needs the agent's.
+        # The prediction contains the observer's p(z|x); the agent's filter needs the agent's p(z|x).
         if not is_part and read.likelihoods is not None:
             likelihoods, reported = likelihoods * read.likelihoods, reported * read.own
         elif not is_part and read.is_drawn:
@@ -256,7 +256,7 @@ class BeliefParticles:
         if not total > 0:
             later = _played(known, UNSEEN, told, mixture, held)
             total = float(before @ later.law.sum(axis=1))
-        if not total > 0:  # a memory that cannot follow is taken all the same
+        if not total > 0:  # a public memory that the mechanism rules out is accepted nevertheless
             later = Remembered(np.ones((len(before), 1)), np.array([told]))
             total = float(before.sum())
         shares = later.law.sum(axis=1)
@@ -269,7 +269,7 @@ class BeliefParticles:
         return cloud._replace(joint=joint), Remembered(law, later.memories)
 
     def _on_points(self, weights: Array, mixture: PointMixture) -> Array:
-        """Weights (N,) of particles as those of the points that stand for them, shape (B,)."""
+        """Return the weights (N,) of particles as weights (B,) of the points that represent them."""
         spread_out = (weights[:, None] * mixture.shares).reshape(-1)
         return np.asarray(np.bincount(mixture.places.reshape(-1), spread_out, minlength=len(self._points)))
 
@@ -279,9 +279,9 @@ class BeliefParticles:
         track.weights[t] = self._on_points(weights, mixture)
 
     def _smooth(self, clouds: list[Cloud], track: _Track) -> None:
-        """Follow every last particle back to its ancestors; the state is smoothed along each of these paths exactly.
+        """Follow every final particle back to its ancestors, and smooth the state exactly along each path.
 
-        A belief's successors are the particles that stem from it and no others, so nothing is gained by other pairs.
+        Only the descendants of a belief can succeed it, so other pairs of particles add nothing.
         """
         weights = clouds[-1].joint.sum(axis=1)
         place = np.arange(len(weights))
@@ -314,7 +314,7 @@ def _empty_track(n_steps: int, n_states: int, n_points: int) -> _Track:
 def _played(
     known: DecisionTables, column: int, told: int | None, mixture: PointMixture, held: Remembered
 ) -> Remembered:
-    """Σ_n K(u,n'|π,n) times the law of n, for each particle's π as a mixture of points and its law of the memory."""
+    """Return Σ_n K(u,n'|π,n) p(n) for each particle: π as a mixture of points, p its law of the memory."""
     count, width = len(held.memories), mixture.places.shape[1]
     entries = known.entries(np.full(count, column), held.memories)
     after, place = np.unique(entries.after if told is None else np.array([told]), return_inverse=True)
@@ -334,7 +334,7 @@ def _played(
 
 
 def _thinned(cloud: Cloud, n_particles: int, rng: np.random.Generator) -> tuple[Cloud, np.ndarray]:
-    """Keep `n_particles` at most, and say which: heavy ones as they are, of the others a systematic sample of equal weights.
+    """Return at most `n_particles` and their indices: heavy particles stay, the others are resampled systematically.
 
     A particle of weight w stays with probability min(1, c w) and then has weight max(w, 1/c), where Σ min(1, c w) is the
     number kept (Fearnhead and Clifford, On-line Inference for Hidden Markov Models via Particle Filters, 2003).

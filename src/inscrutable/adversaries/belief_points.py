@@ -12,7 +12,7 @@ from inscrutable import tolerances
 from inscrutable.validation import Array
 
 _MOST_TRIANGULATED = 4
-"""States up to which a triangulation is made; its size grows too fast beyond."""
+"""Most states for which a triangulation is built; its size grows too fast beyond."""
 
 
 class PointMixture(NamedTuple):
@@ -24,7 +24,7 @@ class PointMixture(NamedTuple):
 
 
 class BeliefPoints:
-    """Points of the simplex (B,X) as a support: others are mixed from the corners of their cell, or moved to the nearest."""
+    """Points of the simplex (B,X) that represent any belief: a mixture of the corners of its cell, or the nearest point."""
 
     def __init__(self, points: Array, *, linear: bool = True) -> None:
         self.points = points
@@ -35,7 +35,7 @@ class BeliefPoints:
         return len(self.points)
 
     def mixed(self, beliefs: Array) -> PointMixture:
-        """Return beliefs (N,X) as mixtures: a point itself stays whole, a belief outside every cell goes to the nearest."""
+        """Return beliefs (N,X) as mixtures: a point represents itself, the nearest point a belief outside every cell."""
         gaps, nearest = self._tree.query(beliefs)
         width = beliefs.shape[1]
         places = np.repeat(np.asarray(nearest, dtype=np.int64)[:, None], width, axis=1)
@@ -51,7 +51,7 @@ class BeliefPoints:
 
     @cached_property
     def _cells(self) -> Any:
-        """A triangulation of the points, on a line the sorted points; None where they span nothing."""
+        """Return a triangulation of the points (on a line, the sorted points); None where they span no volume."""
         n_states = self.points.shape[1]
         if n_states == 2 and len(self) > 1:
             return np.argsort(self.points[:, 0])

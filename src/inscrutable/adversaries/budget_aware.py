@@ -34,7 +34,7 @@ class ScaledBeliefs(NearOptimalBeliefs):
 
     @cached_property
     def _explanation(self) -> tuple[Array, float]:
-        """A member, or the belief of least excess."""
+        """Return a member, or the belief that exceeds the limit least."""
         own = self._own_costs
         if self.share == 0:
             return np.eye(self.n_states)[int(own.argmin())], max(float(own.min()), 0.0)
@@ -46,11 +46,11 @@ class ScaledBeliefs(NearOptimalBeliefs):
 class AffordableBeliefs:
     """The beliefs under which a decision is within the budget: one convex set, or two where V changes its sign.
 
-    Formula: {π ∈ Δ : ρ(π,u) ≤ r}, or {π : π·s(u) ≤ (1+c)V(π)} ∪ {π : π·s(u) ≤ (1−c)V(π)} for a share c of |V|: where
-    V ≥ 0 the first is the condition and the second all but empty, where V < 0 the other way round.
+    Formula: {π ∈ Δ : ρ(π,u) ≤ r}, or {π : π·s(u) ≤ (1+c)V(π)} ∪ {π : π·s(u) ≤ (1−c)V(π)} for a share c of |V|: where V ≥ 0 the
+    first set is the condition and the second is nearly empty; where V < 0 the roles are reversed.
 
     Args:
-        pieces: The convex sets, described as `NearOptimalBeliefs` are, to the same accuracy.
+        pieces: The convex sets, computed like `NearOptimalBeliefs`, to the same accuracy.
 
     Source: a decision maker within its budget always leaves its own belief in the set.
 
@@ -118,14 +118,14 @@ class AffordableBeliefs:
         return np.column_stack([each[:, :, 0].min(axis=0), each[:, :, 1].max(axis=0)])
 
     def center(self) -> Array:
-        """Return the mean of the corners, shape (X,); NaN where the set is empty. Between two pieces it may be in neither."""
+        """Return the mean of the corners, shape (X,); NaN where the set is empty. With two pieces it may lie in neither."""
         return np.full(self.n_states, np.nan) if self.is_empty else np.asarray(self.vertices().mean(axis=0))
 
 
 def affordable_beliefs(problem: DecisionProblem, action: ArrayLike, budget: Budget | float) -> AffordableBeliefs:
     """Return the beliefs under which `action` is within a budget; a number is a share of |c*|.
 
-    Raises `InputError` for a share above 1 where V is negative somewhere: the set is then no union of convex ones.
+    Raises `InputError` for a share above 1 where V is negative somewhere: the set is then not a union of convex sets.
     """
     limit = as_budget(budget)
     if not limit.is_relative:

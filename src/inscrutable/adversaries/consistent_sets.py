@@ -1,4 +1,4 @@
-"""Inverse optimisation of many decisions at once: points and segments in bulk, larger sets when asked for."""
+"""Inverse optimisation of many decisions at once: points and segments in bulk, larger sets on demand."""
 
 from __future__ import annotations
 
@@ -17,13 +17,17 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 LARGER = 2
-"""Least dimension of the sets that are described only when asked for."""
+"""Least dimension of the sets that are computed only on demand."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConsistentSets:
-    """The consistent beliefs of M decisions: dimension −1 empty, 0 a point, 1 a segment from start to end, 2 at most
-    two or more, of which `start` is a member."""
+    """The consistent beliefs of M decisions.
+
+    Dimension −1 is the empty set, 0 a point, 1 the segment from `start` to `end`, 2 a set of two or more dimensions with the
+    member `start`.
+
+    """
 
     problem: DecisionProblem
     actions: Array  # (M, U)
@@ -44,7 +48,7 @@ class ConsistentSets:
         return self._larger[first]
 
     def joined(self, other: ConsistentSets) -> ConsistentSets:
-        """Return these sets followed by others of the same problem, without looking for decisions in common."""
+        """Return these sets followed by others of the same problem; equal decisions of the two are not merged."""
         shift = len(self)
         # Sets of this object found later stay known to the joined one's successors too: the dictionary is shared.
         known = _Offset(self._larger, other._larger, shift)
@@ -67,7 +71,7 @@ class ConsistentSets:
         return distances
 
     def bounds(self, belief: Array) -> Array:
-        """Return the distance to points and segments, and for larger sets the one to a member: an upper bound."""
+        """Return upper bounds of the distances: exact for points and segments, the distance to one member for larger sets."""
         along = self.end - self.start
         length = (along**2).sum(axis=1)
         toward = belief - self.start
@@ -78,7 +82,7 @@ class ConsistentSets:
 
 
 class _Offset(MutableMapping[int, BeliefSet]):
-    """Two stores of belief sets seen as one, the second with its numbers shifted."""
+    """Two stores of belief sets as one; the indices of the second are shifted."""
 
     def __init__(
         self, first: MutableMapping[int, BeliefSet], second: MutableMapping[int, BeliefSet], shift: int
@@ -109,12 +113,12 @@ class _Offset(MutableMapping[int, BeliefSet]):
 
 
 def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | None = None) -> ConsistentSets:
-    """Return the consistent sets of decisions (M,U), each solved with those that share its tight rows.
+    """Return the consistent sets of decisions (M,U); decisions with the same active constraints are solved together.
 
-    `members` (M,X) are beliefs known to explain the decisions, such as their decoys; they stand for the sets of
-    dimension two and more; without them a member is found, or a proof that there is none. These sets are described when
-    first asked for. Cost: one small singular value decomposition a decision, in bulk, and for a larger set without a
-    known member a projection.
+    `members` (M,X) are beliefs known to explain the decisions, such as their decoys. They serve as the members of sets of
+    dimension two or more; without them a projection finds a member, or a proof that there is none. These larger sets are
+    computed on demand. Cost: one small singular value decomposition per decision, in bulk, and one projection per larger set
+    without a known member.
     """
     if not len(actions):
         nothing = np.zeros((0, problem.n_states))
@@ -160,7 +164,7 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
 
 
 def _by_rows(problem: DecisionProblem, actions: Array, members: Array | None) -> ConsistentSets | None:
-    """The sets of decisions that are explained row by row, one at a time; with known members, when asked for."""
+    """Return the sets of decisions that are explained row by row, one at a time; on demand where members are known."""
     if problem.explaining_rows(actions[0]) is None:
         return None
     distinct, count = first_equal(actions), len(actions)
@@ -174,7 +178,7 @@ def _by_rows(problem: DecisionProblem, actions: Array, members: Array | None) ->
 
 
 def _known(found: BeliefSet) -> tuple[int, Array]:
-    """Dimension, two at most, and ends (2,X) or a member twice of a set, described only where nothing less tells."""
+    """Return the dimension (at most 2) and the ends (2,X), or one member twice; the full set is computed only where needed."""
     verdict, member = members_of_sets(found.equalities[None], found.inequalities[None], found.tolerance)
     if verdict[0]:
         return (LARGER if verdict[0] > 0 else -1), np.tile(member, (2, 1))
@@ -182,7 +186,7 @@ def _known(found: BeliefSet) -> tuple[int, Array]:
 
 
 def _described(found: BeliefSet) -> tuple[int, Array]:
-    """The same from the set's shape."""
+    """Return the same from the computed polytope."""
     dimension = min(found.dimension, LARGER)
     if dimension < 0:
         return dimension, np.zeros((2, found.n_states))

@@ -1,4 +1,4 @@
-"""Decisions under a family of costs with one unknown parameter: which values explain every one of them."""
+"""Decisions under costs with one unknown parameter: the parameter values that explain all of them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _PIECES = 16
 _FEWEST = 2
 _FINEST = 256
 _MOST_KEPT = 4096
-"""Pieces of the bounds at the start, and of an interval at the least; share of an interval that its edges are known to;
+"""Pieces of the bounds at the start, and the fewest of an interval; accuracy of an interval's ends as a share of it;
 costs remembered."""
 
 
@@ -42,8 +42,7 @@ class CostFamily:
         self.problem = checked_problem(problem_of(self.bounds[0]))
 
     def explained(self, actions: ArrayLike, rounding: float) -> ExplainedDecisions:
-        """Return decisions (T,U) to be explained; raise `InputError` where one is outside the feasible set by more than its
-        rounding."""
+        """Return the decisions (T,U); raise `InputError` where one violates the feasible set by more than its rounding."""
         return ExplainedDecisions(self.problem_of, self._checked(actions, rounding), rounding, self.tolerance)
 
     def _checked(self, actions: ArrayLike, rounding: float) -> Array:
@@ -67,7 +66,7 @@ class CostFamily:
 
 
 class ExplainedDecisions:
-    """Decisions (T,U), known to ±`rounding`, that one cost of the family has to explain, each by a belief of its own."""
+    """Decisions (T,U), known to ±`rounding`, that one cost of the family must explain, each with its own belief."""
 
     def __init__(self, family: Family, actions: Array, rounding: float, tolerance: float) -> None:
         self._actions, self._rounding = actions, rounding
@@ -81,17 +80,18 @@ class ExplainedDecisions:
         self._conditions = conditions
 
     def programme(self, low: float, high: float, number: int) -> Programme:
-        """Return the programme of one decision for parameters between two."""
+        """Return the programme of one decision for the parameters in an interval."""
         return Programme(self._conditions(low)[number], self._conditions(high)[number])
 
     def residual(self, parameter: float) -> float:
-        """Return the largest of the decisions' least residuals under one cost."""
+        """Return the largest, over decisions, of the least residual under one cost."""
         return max(self.programme(parameter, parameter, number).residual() for number in range(self.count))
 
     def intervals(self, low: float, high: float) -> Array:
-        """Return intervals (K,2) outside of which no parameter explains every decision, one decision after another.
+        """Return intervals (K,2) outside of which no parameter explains every decision.
 
-        A second round narrows what a decision saw as a small part of a larger interval of its own.
+        Decisions cut the intervals one after another; a second round refines ends that were small beside the interval of an
+        earlier decision.
         """
         whole = _length(low, high)
         found = np.array([[low, high]])
@@ -105,10 +105,10 @@ class ExplainedDecisions:
         return found
 
     def _explaining(self, number: int, ends: list[float]) -> list[Piece]:
-        """Pieces outside of which no parameter between the ends explains one decision, by branching on the parameter.
+        """Return the pieces that contain every parameter between the ends that explains one decision, by bisection.
 
-        A piece is kept where both its ends explain the decision, dropped where even the relaxed conditions fail, and halved
-        otherwise, until it is small beside the interval it belongs to or beside the parameter itself.
+        A piece is kept where both its ends explain the decision, dropped where the relaxed conditions fail, and halved
+        otherwise, until it is small relative to its interval or to the parameter.
         """
 
         @cache
@@ -132,7 +132,7 @@ class ExplainedDecisions:
 
 
 def pieces_of(intervals: Array) -> list[Piece]:
-    """Return the intervals (K,2) cut into pieces on which a relaxation is tight."""
+    """Return the intervals (K,2) cut into pieces on which the relaxation is tight."""
     found: list[Piece] = []
     for low, high in intervals:
         found += list(pairwise(_spaced(low, high, _PIECES)))
@@ -140,7 +140,7 @@ def pieces_of(intervals: Array) -> list[Piece]:
 
 
 def _spaced(low: float, high: float, count: int) -> list[float]:
-    """Ends of pieces of equal ratio where the parameter is positive, else of equal length; one piece of a single value."""
+    """Return the ends of pieces: of equal ratio where the parameter is positive, else of equal length."""
     if not high - low > tolerances.PARAMETER * max(abs(low), abs(high)):
         return [low, high]
     inner = np.geomspace(low, high, count + 1) if low > 0 else np.linspace(low, high, count + 1)
@@ -158,7 +158,7 @@ def _halved(piece: Piece) -> list[Piece]:
 
 
 def _merged(pieces: list[Piece]) -> Array:
-    """Pieces that touch as one, shape (K,2)."""
+    """Merge adjacent pieces, shape (K,2)."""
     found: list[list[float]] = []
     for low, high in sorted(pieces):
         if found and low <= found[-1][1]:
@@ -173,5 +173,5 @@ def _is_fine(piece: Piece, clusters: Array) -> bool:
     own = clusters[(clusters[:, 0] <= low) & (high <= clusters[:, 1])][0]
     size = max(abs(low), abs(high))
     narrow = high - low <= tolerances.PARAMETER * size
-    # As pieces are spaced: by ratio where the parameter is positive, so that a low end is known as well as a high one.
+    # Halve like `_spaced`: by ratio where the parameter is positive, so that both ends have the same relative accuracy.
     return bool(narrow or _length(low, high) <= _length(*own) / _FINEST)

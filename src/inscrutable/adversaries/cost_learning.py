@@ -1,4 +1,4 @@
-"""The observer who does not know the agent's cost, and learns it from decisions made under beliefs it does not know."""
+"""The observer who knows neither the agent's cost nor its beliefs, and learns the cost from decisions."""
 
 from __future__ import annotations
 
@@ -15,25 +15,23 @@ from inscrutable.validation import Array
 
 
 class CostLearningAdversary:
-    """Learns one parameter of the agent's cost from decisions alone.
+    """The observer who learns one parameter of the agent's cost from decisions alone.
 
     Formula: {θ : ∀t ∃ π_t ∈ Δ, λ ≥ 0, ν : G_θ(u_t)π_t + A_act'λ + A_eq'ν = 0}. A decision with more free coordinates than
-    states over-determines its belief and, as a rule, fixes θ; others leave an interval.
+    states over-determines its belief and usually identifies θ; other decisions leave an interval.
 
     Args:
-        family: Returns the decision problem for a value of the parameter; gradients should be affine in it, as they are in
-            the risk aversion or in an error of the means along a direction. Elsewhere intervals are right up to the square
-            of a piece's width, a sixteenth of the bounds at the start.
+        family: Returns the decision problem for a value of the parameter. Gradients should be affine in the parameter, such as
+            the risk aversion or an error of the means along one direction. Otherwise the intervals are accurate to the square
+            of a piece's width, which starts at a sixteenth of the bounds.
         bounds: The least and the greatest value considered.
         tolerance: Largest KKT residual of an explained decision, relative to the gradient's scale.
 
     Raises:
-        InputError: Bounds are not two ascending numbers, the family gives no decision problem, or one with costs that have
-            no gradient.
+        InputError: Bounds are not two ascending numbers, or the family returns no decision problem, or costs without gradients.
 
-    Cost: some ten milliseconds for each decision, mostly non-negative least squares; linear programmes decide where these
-    leave it open, and wherever decisions are rounded, a tenth of a second for each. Source: inverse optimisation, the paper's
-    Theorem 1 with the cost as one more unknown.
+    Cost: about 10 ms per decision, mostly non-negative least squares. Linear programmes decide undecided cases and all rounded
+    decisions, about 0.1 s per decision. Source: inverse optimisation: the paper's Theorem 1 with an unknown cost parameter.
 
     Example:
         >>> means, covariances = [[0.3, 0.1, 0.0], [0.0, 0.1, 0.25]], [np.diag([1.0, 2.0, 3.0]), np.diag([3.0, 1.0, 1.0])]
@@ -84,8 +82,9 @@ class CostLearningAdversary:
 
         Args:
             actions: u_0..u_{T-1}, shape (T,U); the belief behind each is unknown.
-            rounding: Largest error of a coordinate: 0.0005 for weights rounded to 0.001. The intervals then contain every
-                value that explains some decisions that round to these. Exact for quadratic costs, to first order otherwise.
+            rounding: Largest error of a coordinate: 0.0005 for weights rounded to 0.001. The intervals then contain every value
+                that explains some unrounded decisions that round to `actions`: exactly for quadratic costs, to first order
+                otherwise.
 
         Raises:
             InputError: A decision is outside the feasible set by more than its rounding, or `rounding` is negative.

@@ -1,4 +1,4 @@
-"""An observer who has only data: past pairs of beliefs and decisions, no costs, no rule and no prior."""
+"""The observer who learns from past pairs of beliefs and decisions, without costs, rule or prior."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from inscrutable.validation import Array
 
 _LEAST_PAIRS = 10
 _TRIED_SHARE = 0.3
-"""Share of the pairs, the last ones, on which learners are compared before the best one learns from all."""
+"""Share of the pairs (the last ones) on which learners are compared; the best one is then fitted to all pairs."""
 
 
 class DataAdversary:
     """An observer who learned from pairs of beliefs and decisions, without costs, rule or prior.
 
-    Formula: the estimate is ŷ(u) of the learner (ridge regression, nearest neighbours, a tree, or the mean belief) that erred
-    least on the last three tenths of the pairs when it had learned from those before; below 0 is 0, and the sum is one.
+    Formula: the estimate is the prediction ŷ(u) of one learner (ridge regression, nearest neighbours, a tree, or the mean
+    belief): the one of least error on the last 30 % of the pairs after fitting to the first 70 %. Negative entries are set to
+    0, and the sum is scaled to one.
 
     Args:
         beliefs: The beliefs of past decisions, shape (n,X), n at least 10; in order of time where they have one.
@@ -46,7 +47,7 @@ class DataAdversary:
     """
 
     def __init__(self, beliefs: ArrayLike, actions: ArrayLike) -> None:
-        # Their own labels also where these are 0, 1, …: a table turned round has them in another order.
+        # Rows keep their labels even where these are 0, 1, …: a reversed table has them in another order.
         rows = [_row_labels(each) for each in (beliefs, actions)]
         if None not in rows and rows[0] != rows[1]:
             raise InputError(
@@ -69,7 +70,7 @@ class DataAdversary:
 
     @classmethod
     def of(cls, mechanism: Mechanism, prior: Prior, n_pairs: int, *, rng: np.random.Generator) -> Self:
-        """Return the observer who has seen so many pairs, drawn from a prior and a mechanism that it does not know."""
+        """Return an observer that has seen `n_pairs` pairs drawn from a prior and a mechanism, both unknown to it."""
         beliefs, actions = sampled_pairs(joint_law(mechanism, prior), mechanism, n_pairs, rng)
         return cls(beliefs, actions)
 
@@ -77,11 +78,11 @@ class DataAdversary:
         return f"DataAdversary({len(self._beliefs)} pairs, {self.learner})"
 
     def infer(self, action: ArrayLike) -> Array:
-        """Return the belief that the observer takes for the mean one after a decision, shape (X,): it has no law."""
+        """Return the estimated mean belief after a decision, shape (X,); this observer has no posterior law."""
         return self.estimate(action)
 
     def estimate(self, action: ArrayLike, *, nearest: bool = False) -> Array:
-        """Return the guess at the belief after one decision, shape (X,); there always is one, `nearest` or not."""
+        """Return the estimate of the belief after one decision, shape (X,); it always exists, so `nearest` has no effect."""
         given = np.asarray(ordered(action, "action", None if np.ndim(action) == 0 else (self._assets,)))
         return np.asarray(self.estimates(given[None], nearest=nearest)[0])
 
@@ -95,13 +96,13 @@ class DataAdversary:
         return self._fitted(self.learner, self._points, self._beliefs, points) if len(points) else self._beliefs[:0]
 
     def _read(self, actions: np.ndarray) -> Array:
-        """Decisions as points: of choices an indicator for each that was seen."""
+        """Return decisions as points; a finite choice becomes its indicator vector."""
         if self._choices is not None:
             return np.asarray(actions[:, None] == self._choices[None], dtype=np.float64)
         return validation.finite_array(actions, "actions", ndim=2)
 
     def _best(self) -> str:
-        """The learner that errs least on the last pairs."""
+        """Return the learner of least error on the last pairs."""
         known = len(self._points) - max(int(_TRIED_SHARE * len(self._points)), 1)
         errors = {}
         for name in (MEAN, *learners()):

@@ -1,4 +1,4 @@
-"""Likelihoods of belief and memory given each decision of a mechanism, as sparse tables made once."""
+"""Likelihoods K(u, n'|π, n) of a mechanism's decisions, as sparse tables."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism, with_m
 from inscrutable.validation import Array
 
 UNSEEN, NEVER_PLAYED = -1, -2
-"""Stand for the number of a decision that was not seen, or that is never played."""
+"""Numbers of a decision that was not observed, and of one that is never played."""
 
 
 class Entries(NamedTuple):
-    """K(u, n'|π_b, n_c) for the decision u that was seen, entry by entry where it is not 0."""
+    """The nonzero entries of K(u, n'|π_b, n_c) for the observed decision u."""
 
-    column: np.ndarray  # (n,), c: which of the memories asked for
+    column: np.ndarray  # (n,), c: index into the requested memories
     belief: np.ndarray  # (n,), b
     after: np.ndarray  # (n,), n'
     share: Array  # (n,)
@@ -35,7 +35,7 @@ class DecisionTables:
     Attributes:
         mechanism: The mechanism.
         n_memories: N.
-        played: The numbers of decisions that are ever played, ascending.
+        played: The numbers of the decisions of positive probability, ascending.
     """
 
     def __init__(self, mechanism: MemoryMechanism) -> None:
@@ -43,7 +43,7 @@ class DecisionTables:
         count, n_actions, n_beliefs = mechanism.n_memories, len(mechanism.actions), len(mechanism.beliefs)
         held = mechanism.observed.tocoo()
         (belief, before), (action, after) = np.divmod(held.row, count), np.divmod(held.col, count)
-        # Row u·N + n holds (b, n'); after those of decisions come N that hold the sums over u, and N empty ones.
+        # Row u·N + n holds (b, n'); after the rows of decisions come N rows of sums over u, and N empty rows.
         rows = np.concatenate([action * count + before, n_actions * count + before])
         places = np.tile(belief * count + after, 2)
         shape = ((n_actions + 2) * count, n_beliefs * count)
@@ -60,11 +60,11 @@ class DecisionTables:
         return RowDraws(self.mechanism.observed)
 
     def action(self, column: int) -> Any:
-        """Return a decision by its number; None for one that was not seen, or is never played."""
+        """Return a decision by its number; None for a decision that was not observed or is never played."""
         return None if column < 0 else self.mechanism.actions[column]
 
     def column(self, point: Array, nearest: bool) -> tuple[int, bool]:
-        """Return the number of a decision (U,), and whether the nearest that is played stands in for it; NaN is unseen."""
+        """Return the number of a decision (U,), and whether it was replaced by the nearest played one; NaN: not observed."""
         if np.isnan(point[0]):
             return UNSEEN, False
         if len(point) != self._tree.m:
@@ -83,7 +83,7 @@ class DecisionTables:
 
 
 class KnownRule:
-    """What the agent plays at every step: the same mechanism always, or the one that a rule makes of the observer's law."""
+    """The mechanism of every step: a fixed one, or the one that a rule chooses given the observer's law."""
 
     def __init__(self, given: Mechanism | MemoryMechanism | MechanismRule) -> None:
         self.given = given
@@ -95,7 +95,7 @@ class KnownRule:
         self.is_public = self._tables.mechanism.is_public
 
     def at(self, law: Array, before: Any = None, *, seen: bool = True) -> DecisionTables:
-        """Return the decisions of a step at which the observer holds the law (B,) and saw a decision `before`, or None.
+        """Return the decision tables of a step; `law` (B,) is the observer's, `before` the last decision it saw, or None.
 
         A rule is not asked where no decision of the step is `seen`.
         """

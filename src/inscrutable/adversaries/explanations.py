@@ -1,6 +1,6 @@
-"""Why no belief explains a decision, or which do: the nearest explanation, what it lacks, and a proof that nothing is nearer.
+"""The belief of least regret for a decision, with a proof that no belief has less.
 
-The regret that every belief leaves is also what one other decision saves in every state at once: costs are convex, so
+The least regret over beliefs equals the saving that one other decision achieves in every state: costs are convex, so
 min over beliefs of the largest saving equals max over decisions of the least saving (von Neumann).
 """
 
@@ -23,26 +23,27 @@ from inscrutable.validation import Array
 
 _MOST_LISTED = 6
 _MUCH = 0.01
-"""Share of the largest change of a coordinate below which a change is not listed."""
+"""Changes of coordinates below this share of the largest change are not listed."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ActionExplanation(Summarised, Saved):
-    """The nearest explanation of a decision by beliefs, with its regret and a proof.
+    """The belief of least regret for a decision, that regret, and a proof.
 
     Formula: r(u) = min_{π ∈ Δ} ρ(π,u) = max_{v ∈ C} min_i (c(i,u) − c(i,v)).
 
     Args:
         action: u, shape (U,).
         is_explained: Whether some belief makes the decision optimal.
-        belief: The nearest explanation, the belief that leaves the least regret, shape (X,).
-        gap: r(u), that regret, in the cost's unit; zero where the decision is explained.
-        better: A decision v that costs less than u in every state, by the gap at least up to rounding; u where explained.
+        belief: The belief of least regret, shape (X,).
+        gap: r(u), its regret, in the cost's unit; zero where a belief explains the decision.
+        better: A decision v that costs less than u in every state, by at least the gap up to rounding; u itself where a belief
+            explains u.
         savings: c(i,u) − c(i,v) in every state, shape (X,).
-        direction: A change d with Σ|d_j| = 1 that the tight rows allow and that lowers the cost in every state: the Farkas
-            proof that the conditions of Theorem 1 contradict one another in these coordinates; zero where explained.
-        rate: By how much the cost falls per unit of that change, in every state at least.
-        tight: Names of the tight rows, whose multipliers could have explained the decision.
+        direction: A feasible direction d with Σ|d_j| = 1 that lowers the cost in every state: the Farkas certificate that the
+            conditions of Theorem 1 have no solution; zero where a belief explains the decision.
+        rate: The least decrease of the cost per unit of that direction, over states.
+        tight: Names of the active constraints.
         coordinates: Names of the decision's coordinates.
 
     Source: the paper, Theorem 1 and measure (a); Farkas' lemma.
@@ -105,7 +106,7 @@ def explain_action(
     """Return the belief of least regret for a decision, that regret, and a proof.
 
     Formula: r(u) = min_π ρ(π,u), the decision that saves r(u) in every state, and a direction d with A_act d ≤ 0,
-    A_eq d = 0 and ∇c(i,u)·d < 0 for every state i, which no multipliers can outweigh.
+    A_eq d = 0 and ∇c(i,u)·d < 0 for every state i.
 
     Args:
         problem: The decision problem that the observer knows.
@@ -113,10 +114,10 @@ def explain_action(
         names: Names of the decision's coordinates, such as tickers; None is the problem's, or u[0], u[1], …
 
     Returns:
-        An `ActionExplanation`, which prints as a few sentences.
+        An `ActionExplanation`; `print` shows it as a few lines.
 
     Raises:
-        InputError: `action` is not a feasible decision, or there are more or fewer names than coordinates.
+        InputError: `action` is not feasible, or the number of names differs from the number of coordinates.
         SolverError: The cutting planes did not close.
 
     Cost: some tens of forward solves. Source: the paper, Theorem 1; Farkas' lemma.
@@ -152,14 +153,14 @@ def explain_action(
 
 
 def _told_form(problem: DecisionProblem) -> SmoothForm:
-    """The problem in the decision itself, and lifted only where its rows are no others."""
+    """Return the form in the decision's own coordinates; a lifted one only where it adds no rows."""
     if problem.constraints.needs_lift:
         return smooth_form_of(problem)
     return SmoothForm(problem.constraints, problem.cost_gradients)
 
 
 def _contradiction(problem: DecisionProblem, form: SmoothForm, u: Array) -> tuple[Array, float]:
-    """The change of unit size, with few coordinates, that lowers the cost fastest in the state where it does so least."""
+    """Return the direction of unit 1-norm that maximises the least decrease of the cost over states."""
     point, region = form.variables(u), form.constraints
     gradients = form.gradients(point[None])[0]
     scale = max(float(np.abs(gradients).max()), np.finfo(float).tiny)
@@ -182,7 +183,7 @@ def _contradiction(problem: DecisionProblem, form: SmoothForm, u: Array) -> tupl
     if not length > 0:
         return np.zeros(u.size), 0.0
     direction = direction / length
-    # Where costs have kinks, a gradient need not predict what a change costs: compare the costs themselves.
+    # At kinks a gradient need not predict the cost of a change: compare the costs themselves.
     probed = problem.state_costs(u + tolerances.EDGE_PROBE * direction)
     if (probed >= problem.state_costs(u)).any():
         return np.zeros(u.size), 0.0

@@ -1,4 +1,4 @@
-"""A fund's weights from its value and the returns of the assets that it may hold."""
+"""Infer a fund's weights from its returns and the returns of its possible assets."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ class InferredWeights(Summarised, Saved):
     """The weights behind a fund's returns.
 
     Args:
-        weights: The least-squares estimate, shape (U,); of least length where several do as well.
-        covariance: Of the estimate, shape (U,U); what is not identified counts as zero: see `rank`.
-        rank: Directions that the returns identify, of the U − 1 that weights of a known sum have.
-        noise: Standard deviation of the error of a fund's return: given, or estimated; NaN where no return is left for that.
+        weights: The least-squares estimate, shape (U,); of least norm where it is not unique.
+        covariance: Covariance of the estimate, shape (U,U); zero along unidentified directions: see `rank`.
+        rank: Number of identified directions, at most U − 1, because the sum is known.
+        noise: Standard deviation of the error of a fund's return, given or estimated; NaN where no residual degree of freedom
+            is left.
 
     Source: Sharpe, Asset allocation: management style and performance measurement (1992), without its inequalities.
 
@@ -38,12 +39,12 @@ class InferredWeights(Summarised, Saved):
 
     @property
     def is_identified(self) -> bool:
-        """Whether one set of weights alone explains the returns best."""
+        """Whether the least-squares estimate is unique."""
         return self.rank == len(self.weights) - 1
 
     @property
     def standard_errors(self) -> Array:
-        """Of each weight, shape (U,); infinite for every weight where they are not identified."""
+        """Standard error of each weight, shape (U,); infinite where the weights are not identified."""
         if not self.is_identified:
             return np.full(len(self.weights), np.inf)
         return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0)))
@@ -64,13 +65,13 @@ def infer_weights(
     """Return the weights behind a fund's returns, for a fund that is rebalanced to the same weights every period.
 
     Formula: argmin Σ_t (v_t − w'r_t)² subject to 1'w = total; covariance σ² N (N'R'RN)⁻¹ N', with N a basis of the weights
-    that sum to zero. Without noise U − 1 returns of full rank give the weights exactly.
+    that sum to zero. Without noise, U − 1 returns of full rank determine the weights exactly.
 
     Args:
         portfolio_returns: v, shape (T,), fractions; of published values V they are V[1:] / V[:-1] − 1.
         returns: R, of every asset in the same periods, shape (T,U).
-        noise: σ, standard deviation of what is added to a fund's return; None: estimated from what is left over.
-        total: What the weights sum to.
+        noise: σ, standard deviation of the error of a fund's return; None: estimated from the residuals.
+        total: The sum of the weights.
 
     Raises:
         InputError: Shapes disagree, there is no period or asset, a number is not finite, or noise is negative.

@@ -1,4 +1,4 @@
-"""What all adversaries share: a reading of one decision, and a point estimate of the belief for many."""
+"""The interface of observers of single decisions: a set or posterior, and a point estimate of the belief."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Adversary(Protocol):
     def estimate(self, action: ArrayLike, *, nearest: bool = False) -> Array:
         """Return the observer's guess at the belief, shape (X,); NaN where the observer cannot explain the decision.
 
-        `nearest` asks for a guess even then: from the nearest decision, or belief, that it can explain.
+        With `nearest` there is an estimate even then: from the nearest decision, or belief, that it can explain.
         """
 
     def estimates(self, actions: ArrayLike, *, nearest: bool = False) -> Array:

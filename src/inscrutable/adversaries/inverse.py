@@ -1,4 +1,4 @@
-"""Inverse optimisation of one decision: the beliefs that it is optimal for."""
+"""Inverse optimisation of one decision: the beliefs for which it is optimal."""
 
 from __future__ import annotations
 
@@ -33,9 +33,12 @@ def belief_set_of(problem: DecisionProblem, u: Array, tolerance: float = toleran
 
 
 def scaled_gradients(gradients: Array, common: Array, size: float) -> Array:
-    """Return gradients (M,X,U) over their largest entry; where most of that lies along the equalities, of which `common`
-    (U,e) is an orthonormal basis and which say nothing of a belief, over a thousand times what does not. Where terms of
-    this `size` cancel, what remains is rounding."""
+    """Return gradients (M,X,U) divided by their largest entry.
+
+    The part along the equalities (orthonormal basis `common`, shape (U,e)) carries no information about the belief: where it
+    dominates, the divisor is a thousand times the other part. Where terms of this `size` cancel, the remainder is rounding.
+
+    """
     scale = np.abs(gradients).max(axis=(1, 2), initial=0.0)
     across = np.abs(gradients - gradients @ common @ common.T).max(axis=(1, 2), initial=0.0)
     scale = np.clip(tolerances.COMMON_COST * across, tolerances.LEAST_DIFFERENCE * scale, scale)

@@ -1,13 +1,12 @@
 """The inverse filter and smoother on a grid of beliefs: forward and backward passes over (state, private belief, memory).
 
-α_t before a decision is moved ahead by `BeliefMoves`; the decision u_t then weighs and moves the memory:
-α(x,b,n') = Σ_n K(u_t,n'|π_b,n) α(x,b,n), times what was seen of the state. Only memories of positive weight are carried.
+`BeliefMoves` predicts α_t before a decision; the decision u_t then updates it:
+α(x,b,n') = Σ_n K(u_t,n'|π_b,n) α(x,b,n), times the likelihood of the other evidence. Only memories of positive weight are kept.
 
-Points that stand for the beliefs between them may all be excluded by a decision that the agent's own belief does play. Where
-the law so far is interpolated, each point that was still possible then counts as the nearest one that plays the decision, if
-that is hardly farther than for the point that has it nearest. This reading gets half of the law, and the other half stays
-what it was before the decision: the square error of the estimate is then at most the mean of what believing the reading and
-passing it over would leave, however wrong the grid led.
+A decision that the agent's belief plays may have probability 0 at every grid point that represents the belief. Where the law is
+interpolated, each possible point is then replaced by the nearest point that plays the decision, if that lies within a
+tolerance. The posterior is the mixture, half and half, of this reading and of the law before the decision. Its squared error is
+therefore at most the mean of the errors of the two.
 """
 
 from __future__ import annotations
@@ -27,14 +26,14 @@ from inscrutable.validation import Array
 from inscrutable.worlds.public import UNREAD
 
 _CELLS = 4.0
-"""Largest interpolation errors by which a possible point may lie from one that plays the decision: they are neighbours."""
+"""Largest distance of a possible point from one that plays the decision, in interpolation errors: they are neighbours."""
 
 _BELIEVED = 0.5
-"""Share of the law that a decision read with a tolerance gets."""
+"""Weight of the reading in the mixture, for a decision read with a tolerance."""
 
 
 class Laws(NamedTuple):
-    """Joint laws of state, belief and memory, of L observers side by side; a column is one observer's law with one memory."""
+    """Joint laws of state, belief and memory of L observers; a column is one observer's law at one memory."""
 
     weights: Array  # (X, B, C)
     observer: np.ndarray  # (C,), ascending from 0 to L−1
@@ -55,11 +54,11 @@ class Laws(NamedTuple):
         return np.asarray(np.add.reduceat(self.weights.sum(axis=1), starts, axis=1).T)
 
     def divided(self, totals: Array) -> Laws:
-        """Return each law divided by a number of its own (L,)."""
+        """Return each law divided by its own number, (L,)."""
         return self._replace(weights=self.weights / totals[self.observer])
 
     def repeated(self, numbers: np.ndarray) -> Laws:
-        """Return the laws of some observers, perhaps several times."""
+        """Return the laws of the observers with these numbers, repeated where a number is repeated."""
         first, last = (np.searchsorted(self.observer, numbers, side=side) for side in ("left", "right"))
         columns = np.repeat(first - np.cumsum(last - first) + last - first, last - first) + np.arange(
             (last - first).sum()
@@ -68,7 +67,7 @@ class Laws(NamedTuple):
 
 
 def side_by_side(laws: list[Laws]) -> Laws:
-    """Return several groups of observers as one."""
+    """Return the laws of several groups of observers as one group."""
     before = np.cumsum([0, *(each.observer[-1] + 1 for each in laws[:-1])])
     return Laws(
         np.concatenate([each.weights for each in laws], axis=2),
@@ -78,7 +77,7 @@ def side_by_side(laws: list[Laws]) -> Laws:
 
 
 class DecisionReading(NamedTuple):
-    """How decisions weigh the points and move the memory, entry by entry: (b,c) → (b',c') with a share."""
+    """The update by decisions, entry by entry: (b,c) → (b',c') with a likelihood."""
 
     source: np.ndarray  # (n,), b·C + c
     target: np.ndarray  # (n,), b'·C' + c'
@@ -86,11 +85,11 @@ class DecisionReading(NamedTuple):
     n_before: int  # C
     observer: np.ndarray  # (C',)
     memory: np.ndarray  # (C',)
-    error: float = 0.0  # expected distance of points from those that stand in for them
-    is_widened: bool = False  # whether others stand in for points
+    error: float = 0.0  # expected distance of points from those that replace them
+    is_widened: bool = False  # whether points were replaced by others
 
     def moved(self, laws: Laws) -> Laws:
-        """Return laws with what each point and memory holds where the decision puts it."""
+        """Return the laws after the decisions."""
         n_points = laws.weights.shape[1]
         found = np.empty((len(laws.weights), n_points * len(self.memory)))
         for row, held in zip(found, laws.weights.reshape(len(found), -1), strict=True):
@@ -98,7 +97,7 @@ class DecisionReading(NamedTuple):
         return Laws(found.reshape(len(found), n_points, -1), self.observer, self.memory)
 
     def back(self, later: Array) -> Array:
-        """Return likelihoods (X,B,C) of what comes later, before the decision, from those (X,B,C') after it."""
+        """Return the likelihoods (X,B,C) of later evidence before the decision, from those (X,B,C') after it."""
         n_points = later.shape[1]
         found = np.empty((len(later), n_points * self.n_before))
         for row, held in zip(found, later.reshape(len(later), -1), strict=True):
@@ -109,7 +108,7 @@ class DecisionReading(NamedTuple):
 def read_decisions(
     tables: DecisionTables, laws: Laws, columns: np.ndarray, told: np.ndarray | None = None
 ) -> DecisionReading:
-    """Return how one decision of each observer (L,) is read, with the public memory after it (L,) where there is one."""
+    """Return the update by one decision of each observer (L,), given the public memory after it (L,) where there is one."""
     entries = tables.entries(columns[laws.observer], laws.memory)
     if told is not None:
         some = entries.after == told[laws.observer[entries.column]]
@@ -127,7 +126,7 @@ def read_decisions(
 
 @dataclass(frozen=True, eq=False)
 class ForwardPass:
-    """What a forward pass found at every step, and for the smoother the laws with what made them."""
+    """The results of a forward pass at every step, and the laws and updates that the smoother needs."""
 
     beliefs: Array  # (T, B)
     states: Array  # (T, X)
@@ -139,7 +138,7 @@ class ForwardPass:
 
 
 class InverseFilter:
-    """The observer's filter on the beliefs of a known rule: made once, used for any sequence."""
+    """The observer's filter on the beliefs of a known rule, for any number of sequences."""
 
     def __init__(self, moves: BeliefMoves, rule: KnownRule) -> None:
         self.moves, self.rule = moves, rule
@@ -149,7 +148,7 @@ class InverseFilter:
     ) -> tuple[Laws, Array]:
         """Return the laws before a decision, and the expected distances (L,) of the belief from the points.
 
-        Where each observer reads a public symbol (L,), the laws hold its probability.
+        Where each observer reads a public symbol (L,), the total of its law is multiplied by the symbol's probability.
         """
         if laws is not None:
             weights, errors = self._ahead(laws, read)
@@ -177,9 +176,9 @@ class InverseFilter:
         return weights, errors
 
     def later(self, laws: Laws, n_steps: int) -> tuple[Laws, Array]:
-        """Return the predicted law some steps later, without further observations, and the sums of errors (L,) on the way.
+        """Return the predicted law some steps later, without further observations, and the summed interpolation errors (L,).
 
-        What is remembered is left as it was: it says nothing of how beliefs move.
+        The memory stays as it was: the transition of beliefs does not depend on it.
         """
         errors: Array = np.zeros(int(laws.observer[-1]) + 1)
         for _ in range(n_steps):
@@ -190,7 +189,7 @@ class InverseFilter:
     def forward(
         self, evidence: Evidence, *, tables: list[DecisionTables] | None = None, keep: bool = False
     ) -> tuple[ForwardPass, list[DecisionTables]]:
-        """Filter a sequence; `tables` are known where others than this observer's law made them."""
+        """Filter a sequence; `tables` replaces the decision tables of this observer's law."""
         n_steps, first = len(evidence), None if evidence.told is None else int(evidence.told[0])
         beliefs, states = np.empty((n_steps, len(self.moves.points))), np.empty((n_steps, self.moves.starts.shape[1]))
         logs, errors = np.empty(n_steps), np.empty(n_steps)
@@ -207,7 +206,7 @@ class InverseFilter:
                 tables[t] if tables is not None else self.rule.at(seen.of_belief()[0], before, seen=evidence.is_seen(t))
             )
             column, moved = known.column(evidence.points[t], evidence.nearest)
-            if column != UNSEEN:  # ties go to what was seen last
+            if column != UNSEEN:  # ties go to the latest observation
                 before = known.action(column)
             told = None if evidence.told is None else evidence.told[t + 1 : t + 2]
             laws, reading, total = self.read(known, seen, column, told, error=float(errors[: t + 1].max()))
@@ -226,9 +225,9 @@ class InverseFilter:
     def read(
         self, tables: DecisionTables, seen: Laws, column: int, told: np.ndarray | None, *, error: float
     ) -> tuple[Laws, DecisionReading, float]:
-        """Return one observer's law after a decision, scaled to one, how it was read, and its probability.
+        """Return one observer's normalised law after a decision, the update, and the decision's probability.
 
-        A decision of probability 0 is read with a tolerance where the law so far has an `error`, or passed over.
+        A decision of probability 0 is read with a tolerance where the law has an interpolation `error`, and otherwise skipped.
         """
         reading = read_decisions(tables, seen, np.array([column]), told)
         law = reading.moved(seen)
@@ -245,9 +244,9 @@ class InverseFilter:
     def _widened(
         self, tables: DecisionTables, seen: Laws, column: int, told: np.ndarray | None
     ) -> DecisionReading | None:
-        """Read possible points as the nearest one that plays the decision, where that is nearest of all, or nearly so.
+        """Replace possible points by the nearest point that plays the decision, within a tolerance.
 
-        None where it is too far for the grid to be the reason. The weights add up to what the stand-ins have.
+        None where the nearest is too far to be an error of the grid. The weights sum to the likelihood of the replacements.
         """
         points, mass, count = self.moves.points, seen.weights.sum(axis=0), len(seen.memory)
         plain = read_decisions(tables, seen, np.array([column]), told)
@@ -266,7 +265,7 @@ class InverseFilter:
         kept = (1.0 - _BELIEVED) * total / float(mass.sum())
         aside = read_decisions(tables, seen, np.array([UNSEEN]), told)
         after, place = np.unique(np.concatenate([plain.memory, aside.memory]), return_inverse=True)
-        # Every point and memory that was read as a stand-in moves as that does.
+        # Every replaced point and memory moves as its replacement does.
         moved = np.flatnonzero(near.reshape(-1) > 0)
         as_if = stand_in.reshape(-1)[moved] * count + moved % count
         order = np.argsort(plain.source, kind="stable")
@@ -287,7 +286,7 @@ class InverseFilter:
         )
 
     def smoothed(self, evidence: Evidence, passed: ForwardPass) -> list[Laws]:
-        """Return the laws given the whole sequence."""
+        """Return the laws given the whole sequence (forward-backward)."""
         laws = list(passed.laws)
         later = np.ones(laws[-1].weights.shape)
         for t in range(len(evidence) - 2, -1, -1):
@@ -321,13 +320,13 @@ class InverseFilter:
 
 
 def _columns(reading: DecisionReading, place: np.ndarray, start: int, count: int) -> np.ndarray:
-    """The targets of a reading of one observer where its memories are listed among others."""
+    """Return the target columns of one observer's update among those of all observers."""
     belief, column = np.divmod(reading.target, len(reading.memory))
     return np.asarray(belief * count + place.reshape(-1)[start + column])
 
 
 def _passed_over(tables: DecisionTables, seen: Laws, told: np.ndarray | None) -> DecisionReading:
-    """Read nothing; where the public memory cannot follow, it is taken all the same."""
+    """Return the law without an update; a public memory that the mechanism rules out is accepted nevertheless."""
     reading = read_decisions(tables, seen, np.array([UNSEEN]), told)
     if told is None or reading.moved(seen).weights.sum() > 0:
         return reading

@@ -1,4 +1,4 @@
-"""The costs that explain observed decisions, and the beliefs that a decision then allows."""
+"""The costs that explain observed decisions, and the beliefs consistent with a decision under them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from inscrutable.validation import Array
 
 @saved_choice
 class CostStatus(Enum):
-    """What is known of a cost's parameter; the text says what to do about it.
+    """Whether decisions identify the parameter of a cost; the text says what to do.
 
     Example:
         >>> CostStatus.IDENTIFIED.value
@@ -41,13 +41,13 @@ class LearnedCost(Summarised, Saved):
     Formula: {θ : for every u_t some π ∈ Δ makes u_t optimal under the cost θ}.
 
     Args:
-        parameter: The value itself where it is identified, else the middle of the values; NaN where there is none.
+        parameter: The value where it is identified, else the midpoint of the values; NaN where no value explains all decisions.
         intervals: Intervals outside of which no value explains every decision, in ascending order, shape (K,2).
-        residual: Largest KKT residual of a decision at `parameter`, relative to the gradient's scale; negative where
-            rounding leaves room.
-        status: What is known, and what to do.
-        rounding: How exactly decisions are known, in each coordinate.
-        family: The costs that were considered; None of a result that was loaded.
+        residual: Largest KKT residual of a decision at `parameter`, relative to the gradient's scale; negative where rounding
+            leaves slack.
+        status: Whether the parameter is identified, and what to do otherwise.
+        rounding: Largest error of a coordinate of the decisions.
+        family: The family of costs; None in a loaded result.
 
     Source: inverse optimisation with unknown objective and unknown beliefs; the paper's outlook in Section V.
 
@@ -65,7 +65,7 @@ class LearnedCost(Summarised, Saved):
 
     @property
     def is_identified(self) -> bool:
-        """Whether one value alone explains every decision."""
+        """Whether exactly one value explains every decision."""
         return self.status == CostStatus.IDENTIFIED
 
     @property
@@ -80,13 +80,13 @@ class LearnedCost(Summarised, Saved):
         return bool(((self.intervals[:, 0] <= parameter) & (parameter <= self.intervals[:, 1])).any())
 
     def consistent_beliefs(self, action: ArrayLike) -> UnionBeliefs:
-        """Return the beliefs that explain a decision under one of the costs that explain every decision seen.
+        """Return the beliefs that explain a decision under some cost that explains every observed decision.
 
         Args:
-            action: u, shape (U,), known as exactly as the decisions learned from.
+            action: u, shape (U,), with the same rounding as the decisions learned from.
 
         Raises:
-            InputError: The decision is no decision of the problem, or this result was loaded and has no cost any more.
+            InputError: The decision is not feasible, or this result was loaded and holds no cost.
         """
         if self.family is None:
             raise InputError("a loaded result has no costs: learn again")
@@ -110,7 +110,7 @@ class UnionBeliefs:
     Formula: {π ∈ Δ : ∃ θ in the intervals, λ ≥ 0, ν : G_θ(u)π + A_act'λ + A_eq'ν = 0}, which need not be convex.
 
     Args:
-        explained: The one decision under the family of costs.
+        explained: The decision, under the family of costs.
         intervals: The possible values of the parameter, shape (K,2).
         n_states: Number of states X.
 
@@ -140,8 +140,10 @@ class UnionBeliefs:
         return any(each.residual_of(held) <= self._explained.tolerance for each in self._programmes)
 
     def bounds(self) -> Array:
-        """Return outer bounds of each state's probability, shape (X,2): exact but for the relaxation on each of 16 pieces
-        of an interval; NaN where the set is empty."""
+        """Return outer bounds of each state's probability, shape (X,2); NaN where the set is empty.
+
+        The only error is the relaxation on each of 16 pieces of an interval.
+        """
         limits = np.full((self.n_states, 2), np.nan)
         if not self._programmes:
             return limits

@@ -11,9 +11,9 @@ from inscrutable.errors import InputError
 from inscrutable.validation import Array
 
 Fitted = Callable[[Array], Array]
-"""Targets (n,S,C) of the rows learned from to predictions (m,S,C): S tasks with the same decisions, each learned alone."""
+"""Maps targets (n,S,C) of the training rows to predictions (m,S,C): S separate tasks on the same decisions."""
 Learner = Callable[[Array, Array], Fitted]
-"""Decisions to learn from (n,P) and to read (m,P) to what predicts; what depends on these alone is found once."""
+"""Maps training decisions (n,P) and test decisions (m,P) to a predictor; work that depends on these alone is done once."""
 
 _LEAST_NEIGHBOURS = 10
 _RIDGE_SHARES = (0.01, 0.3)
@@ -22,7 +22,7 @@ _MOST_LEAVES = 32
 _LEAST_LEAF = 10
 _LEAST_LEAF_SHARE = 0.01
 _MOST_ROWS = 5_000
-"""Rows that neighbours and trees learn from, the latest ones: with more a search, or a tree for every shift, takes minutes."""
+"""Latest rows that neighbours and trees learn from; with more rows they take minutes."""
 
 
 def learners() -> Mapping[str, Learner]:
@@ -36,7 +36,7 @@ def _neighbours(known: Array, read: Array) -> Fitted:
     from sklearn.neighbors import NearestNeighbors
 
     points, queries = _standardised(known[-_MOST_ROWS:], read)
-    # Equal decisions are read once.
+    # Equal decisions are predicted once.
     queries, place = np.unique(queries, axis=0, return_inverse=True)
     count = min(max(_LEAST_NEIGHBOURS, round(np.sqrt(len(points)))), len(points))
     near = NearestNeighbors(n_neighbors=count).fit(points).kneighbors(queries, return_distance=False)
@@ -70,7 +70,7 @@ def _ridge(share: float) -> Learner:
 def _tree(known: Array, read: Array) -> Fitted:
     from sklearn.tree import DecisionTreeRegressor
 
-    # Trees compute in single precision; so do we, or the same number could fall on either side of a split.
+    # Trees compute in single precision, and so does this: otherwise the same number could fall on either side of a split.
     points, queries = (np.ascontiguousarray(part, dtype=np.float32) for part in (known[-_MOST_ROWS:], read))
     leaf = max(_LEAST_LEAF, int(_LEAST_LEAF_SHARE * len(points)))
 
@@ -87,7 +87,7 @@ def _tree(known: Array, read: Array) -> Fitted:
 
 
 def _standardised(known: Array, read: Array) -> tuple[Array, Array]:
-    """Both in units of the spread of the decisions learned from."""
+    """Return both standardised by the mean and spread of the training decisions."""
     centre, spread = known.mean(axis=0), known.std(axis=0)
     unit = np.where(spread > 0, spread, 1.0)
     return np.asarray((known - centre) / unit), np.asarray((read - centre) / unit)

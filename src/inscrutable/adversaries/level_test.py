@@ -1,7 +1,8 @@
-"""Whether decisions near one another can be explained up to a margin: cutting planes at one level, kept from one to the next.
+"""Whether the plausibility gaps of successive decisions reach a margin: cutting planes, reused from one decision to the next.
 
 ρ(π,u) ≥ π·(s(u) − s(v)) for every decision v. Where no belief satisfies π·(s(u) − s(v_j)) ≤ level for all v_j found so far,
-the plausibility gap is at least the level; a belief that does is projected onto, solved, and gives the next plane.
+the plausibility gap is at least the level; otherwise the nearest belief that satisfies them is solved for and gives the next
+plane.
 """
 
 from __future__ import annotations
@@ -17,13 +18,13 @@ from inscrutable.validation import Array
 _MOST_KEPT = 48
 _MOST_ROUNDS = 60
 _ABOVE, _WITHIN = 0.2, 0.1
-"""Shares of the accuracy of a gap: by how much the level lies above the margin, and how near to it a gap may stay open."""
+"""Shares of a gap's accuracy: how far the level lies above the margin, and how near to it a gap may stay undecided."""
 
 
 class LevelTest:
-    """Answers for one decision after another whether its plausibility gap reaches a margin above zero.
+    """Decides for successive decisions whether the plausibility gap reaches a margin above zero.
 
-    The answer is proved up to `tolerances.GAP_STEP` of the costs; in doubt it is no.
+    The answer is proved up to `tolerances.GAP_STEP` of the costs; an undecided case returns False.
     """
 
     def __init__(self, problem: DecisionProblem, margin: float) -> None:
@@ -37,7 +38,7 @@ class LevelTest:
     def reaches(self, action: Array, *, proved: bool = True) -> bool:
         """Return whether r(u) = min_π ρ(π,u) is at least the margin for a decision (U,).
 
-        Without `proved`, where the projection finds no belief below the level is taken for the absence of one.
+        Without `proved`, a projection that finds no belief below the level counts as proof that there is none.
         """
         own = np.asarray(self._problem.state_costs(action))
         for _ in range(_MOST_ROUNDS):
@@ -64,7 +65,7 @@ class LevelTest:
         self._solved = np.vstack([kept, solved])
 
     def _below(self, planes: Array, level: float) -> Array | None:
-        """The belief nearest to the last one where every plane is at most `level`."""
+        """Return the belief nearest to the last one at which every plane is at most `level`."""
         from inscrutable.kernels.projection import project
 
         slopes = planes @ self._basis

@@ -30,8 +30,7 @@ from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
 _SHAPE = {1: 0.01, 2: 0.01, 3: 0.01, 4: 0.03}
-"""Share of ε by which corners of the outer polytope may exceed it, by the number of states; beyond four states a polytope
-as near as that has too many corners."""
+"""Share of ε by which corners of the outer polytope may exceed it, by number of states up to four."""
 _STEPS = 50
 _MOST_SHRINKS = 200
 _FIRST_REACH, _FARTHER = 0.3, 3.0
@@ -39,13 +38,13 @@ _FIRST_REACH, _FARTHER = 0.3, 3.0
 
 @dataclass(frozen=True, eq=False)
 class NearOptimalBeliefs:
-    """The convex set Π_ε(u) = {π ∈ Δ : ρ(π,u) ≤ ε}, with an outer polytope of cutting planes, added as needed.
+    """The convex set Π_ε(u) = {π ∈ Δ : ρ(π,u) ≤ ε}, with an outer polytope of cutting planes, added on demand.
 
-    The queries are those of `BeliefSet`. Bounds and distances are reached by members with a regret of at most
-    ε + `accuracy`. The set is smooth: up to four states its vertices, centre and samples belong to an outer polytope whose
-    corners exceed ε by at most a hundredth of it (three hundredths at four states). Beyond four states, where such a
-    polytope has too many corners, the vertices are the members that reach the bounds, the centre is their mean, and
-    samples are drawn by hit-and-run on the set itself.
+    It has the queries of `BeliefSet`. Members with a regret of at most ε + `accuracy` attain the bounds and distances. The set
+    is smooth: up to four states its vertices, centre and samples belong to an outer polytope whose corners exceed ε by at most
+    a hundredth of it (three hundredths at four states). Beyond four states, where such a polytope has too many corners, the
+    vertices are the members that reach the bounds, the centre is their mean, and samples are drawn by hit-and-run on the set
+    itself.
 
     Source: near-optimal inverse optimisation; equals Theorem 1's set at ε = 0.
 
@@ -119,20 +118,20 @@ class NearOptimalBeliefs:
 
     @property
     def _room(self) -> float:
-        """What the accuracy of shapes is relative to, in the cost's unit."""
+        """Return the scale of the accuracy of shapes, in the cost's unit."""
         return self.regret
 
     def _planes_at(self, beliefs: Array) -> Array:
-        """The planes below the regret that touch it at beliefs (X,) or (T,X), of the same shape."""
+        """Return the supporting planes of the regret at beliefs (X,) or (T,X), of the same shape."""
         return np.asarray(self._own_costs - self.problem.state_costs(self.problem.solve(beliefs)))
 
     def _excess(self, beliefs: Array) -> Array:
-        """By how much the regret under beliefs (X,) or (T,X) exceeds ε; negative inside."""
+        """Return the regret minus ε under beliefs (X,) or (T,X); negative inside."""
         return np.asarray((beliefs * self._planes_at(beliefs)).sum(axis=-1) - self.regret)
 
     @cached_property
     def _outer(self) -> Reduced | None:
-        """An outer polytope for shapes and samples; None where the set is empty or has more than four states."""
+        """Return an outer polytope for shapes and samples; None where the set is empty or has more than four states."""
         if self.is_empty or self.n_states not in _SHAPE:
             return None
         self._seed()
@@ -175,7 +174,7 @@ class NearOptimalBeliefs:
         return reduce_polytope(np.full(self.n_states, 1.0 / self.n_states), self._basis.T, rows, offsets)
 
     def _converge(self, candidate: Callable[[Array, Array], Array]) -> Array:
-        """Add planes at the candidate the current polytope proposes until it is a member."""
+        """Add a plane at the candidate of the current polytope until the candidate is a member."""
         self._seed()
         centre = np.full(self.n_states, 1.0 / self.n_states)
         for _ in range(MOST_PLANES):
@@ -229,10 +228,10 @@ class NearOptimalBeliefs:
         return np.array([[self._extreme(sign * direction) for direction in self._basis] for sign in (1.0, -1.0)])
 
     def _extreme(self, direction: Array) -> Array:
-        """A member with the least `direction`'z, by projections of points ever farther against the direction.
+        """Return a member with the least `direction`'z, by projections of points ever farther against the direction.
 
-        With x⁺ the member nearest to x − R d no other is lower by more than √2 ‖x − x⁺‖/R; corners of the planes themselves
-        would have to be cut off one by one, more of them with every state.
+        With x⁺ the member nearest to x − R d, no member is lower by more than √2 ‖x − x⁺‖/R. Kelley's method would have to cut
+        off the polytope's corners one by one, and their number grows with the states.
         """
         point, reach = self._explanation[0], _FIRST_REACH
         while True:
@@ -257,7 +256,7 @@ class NearOptimalBeliefs:
         return np.maximum(sample_polytope(self._outer, count, source), 0.0)
 
     def _walk(self, n: int, rng: np.random.Generator) -> Array:
-        """Members by hit-and-run: on a random line the stretch that the planes leave shrinks to trials that fail."""
+        """Sample by hit-and-run: on a random line, a trial outside the set shrinks the segment between the planes."""
         corners = self.vertices()
         points = rng.dirichlet(np.ones(len(corners)), size=n) @ corners
         rows, offsets = self._rows()

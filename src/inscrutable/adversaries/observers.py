@@ -1,4 +1,4 @@
-"""Observers who know no mechanism: the naive, the near-optimal and the budget-aware one."""
+"""Observers who do not know the mechanism: naive, near-optimal and budget-aware."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
 _BLOCK = 2**22
-"""Regrets held at once."""
+"""Most regrets in memory at once."""
 
 
 class SetObserver(ABC):
-    """An observer who infers a set of beliefs from each decision; a subclass gives the set and a guess from it.
+    """An observer who infers a set of beliefs from each decision; a subclass defines the set and the estimate.
 
-    Under a disclosure it keeps the union of the sets of all candidates that would look the same.
+    Under a disclosure the set is the union over all candidates with the same disclosed value.
     """
 
     def __init__(self, problem: DecisionProblem, disclosure: Disclosure | str | None, candidates: Any) -> None:
@@ -45,14 +45,18 @@ class SetObserver(ABC):
         return self._reading.disclosure
 
     def estimate(self, action: ArrayLike, *, nearest: bool = False) -> Array:
-        """Return the guess at the belief, shape (X,); where the set is empty NaN, or the belief of least regret."""
+        """Return the estimate of the belief, shape (X,).
+
+        Where the set is empty: NaN, or with `nearest` the belief of least regret.
+        """
         given = self.problem.check_action(action) if self._reading.is_plain else np.asarray(action)
         return np.asarray(self.estimates(given[None], nearest=nearest)[0])
 
     def estimates(self, actions: ArrayLike, *, nearest: bool = False) -> Array:
-        """Return `estimate` for many decisions (M,U), shape (M,X); equal decisions are read once.
+        """Return `estimate` for many decisions (M,U), shape (M,X); equal decisions are computed once.
 
-        Under a disclosure for values shown, (M,V): the mean of the guesses at all candidates that look so.
+        Under a disclosure the arguments are disclosed values (M,V), and the estimate is the mean over the candidates with that
+        value.
         """
         if not self._reading.is_plain:
             made = lambda points: self._union_guess(points, nearest)  # noqa: E731
@@ -69,7 +73,7 @@ class SetObserver(ABC):
         return np.asarray(found[place.reshape(-1)])
 
     def _union_guess(self, points: Array, nearest: bool) -> Array:
-        """Return the guess (X,) where any of some decisions may have been made."""
+        """Return the estimate (X,) given several possible decisions."""
         found = self._guesses(points)
         known = ~np.isnan(found[:, 0])
         if not known.any() and nearest:
@@ -78,10 +82,10 @@ class SetObserver(ABC):
 
     @abstractmethod
     def _guesses(self, points: Array) -> Array:
-        """Return the guesses (M,X) of distinct decisions (M,U), NaN where the set is empty."""
+        """Return the estimates (M,X) for distinct decisions (M,U), NaN where the set is empty."""
 
     def _least_regret(self, points: Array) -> Array:
-        """Return the beliefs (M,X) that leave decisions (M,U) the least regret."""
+        """Return the beliefs (M,X) of least regret for decisions (M,U)."""
         return nearest_explanations(self.problem, points)[0]
 
 
@@ -97,11 +101,11 @@ class NaiveAdversary(SetObserver):
         candidates: The decisions that it takes for possible, shape (M,U), (M,) choices or `Candidates`; for a disclosure alone.
 
     Raises:
-        InputError: `problem` is no decision problem, or the disclosure does not suit its decisions, leaves some out, or needs
-            returns or candidates.
+        InputError: `problem` is not a decision problem, or the disclosure does not suit its decisions, leaves some out, or
+            needs returns or candidates.
 
-    Cost: `estimates` finds points and segments in bulk, some 30 µs a decision; larger sets take a millisecond each,
-    and a decision that no belief explains, where asked for, 3 ms.
+    Cost: `estimates` computes points and segments in bulk, about 30 µs per decision; a larger set takes 1 ms, and with
+    `nearest` a decision that no belief explains takes 3 ms.
 
     Source: the paper, Theorem 1.
 
@@ -121,7 +125,7 @@ class NaiveAdversary(SetObserver):
         return f"NaiveAdversary({self.problem!r})"
 
     def infer(self, action: ArrayLike) -> BeliefSet | ShownBeliefs:
-        """Return Π(u) of one decision (U,), empty where no belief explains it; under a disclosure their union."""
+        """Return Π(u) of one decision (U,), empty where no belief explains it; under a disclosure the union."""
         if self._reading.is_plain:
             return belief_set_of(self.problem, self.problem.check_action(action))
         return self._reading.union(action, lambda each: belief_set_of(self.problem, self.problem.check_action(each)))
@@ -135,7 +139,7 @@ class NaiveAdversary(SetObserver):
 
 
 class PriorReader(SetObserver):
-    """An observer of sets {π : ρ(π,u) ≤ limit at π}: the middle of a set, or under a prior the mean of what it holds."""
+    """An observer of sets {π : ρ(π,u) ≤ limit at π}; it estimates the middle of the set, or the prior's mean over it."""
 
     def __init__(
         self, problem: DecisionProblem, prior: Prior | None, disclosure: Disclosure | str | None, candidates: Any
@@ -149,11 +153,11 @@ class PriorReader(SetObserver):
 
     @abstractmethod
     def _set_of(self, action: ArrayLike) -> NearOptimalBeliefs | AffordableBeliefs:
-        """Return the set of one decision that is seen as it is."""
+        """Return the set of one fully disclosed decision."""
 
     @abstractmethod
     def _limits(self, optimal_costs: Array) -> Array:
-        """Return the limits (B,) at beliefs of which the optimal costs (B,) are given."""
+        """Return the limits (B,) at beliefs with these optimal costs (B,)."""
 
     def _guesses(self, points: Array) -> Array:
         if self.prior is not None:
@@ -177,14 +181,14 @@ class PriorReader(SetObserver):
         return found
 
     def _within(self, points: Array, prior: Prior) -> Array:
-        """Which of the prior's beliefs allow which decisions, shape (m,B)."""
+        """Return which of the prior's beliefs are in the sets of which decisions, shape (m,B)."""
         costs, excess, limits = self._excess(points, prior)
-        # Costs are known to this: a decision that spends its budget to the last digit is within it.
+        # Costs have this accuracy: a decision that spends its budget to the last digit is within it.
         allowed = tolerances.NEAR_OPTIMAL * np.maximum(np.abs(costs).max(axis=1, keepdims=True), limits)
         return np.asarray(excess <= allowed)
 
     def _union_guess(self, points: Array, nearest: bool) -> Array:
-        """Under a prior its mean over the beliefs that allow any of the decisions."""
+        """Return the prior's mean over the beliefs in any of the decisions' sets."""
         if self.prior is None:
             return super()._union_guess(points, nearest)
         held = np.zeros(len(self.prior), dtype=bool)
@@ -196,7 +200,7 @@ class PriorReader(SetObserver):
         return np.asarray((weights @ self.prior.beliefs) / weights.sum())
 
     def _least_regret(self, points: Array) -> Array:
-        """Under a prior the one of its beliefs that is least beyond its limit."""
+        """Return the prior's belief that exceeds its limit least."""
         if self.prior is None:
             return super()._least_regret(points)
         found = np.empty((len(points), self.problem.n_states))
@@ -206,7 +210,7 @@ class PriorReader(SetObserver):
         return found
 
     def _excess(self, points: Array, prior: Prior) -> tuple[Array, Array, Array]:
-        """State costs (m,X) of some decisions, by how much each is beyond its limit (m,B), and the limits (B,)."""
+        """Return state costs (m,X) of some decisions, their regrets minus the limits (m,B), and the limits (B,)."""
         optimal = np.asarray(self.problem.optimal_cost(prior.beliefs))
         limits = self._limits(optimal)
         costs = self.problem.state_costs(points)
@@ -214,7 +218,7 @@ class PriorReader(SetObserver):
 
 
 class NearOptimalAdversary(PriorReader):
-    """The near-optimal observer, who allows for a regret: rounding, haste, or a model that differs from the agent's.
+    """The near-optimal observer, who allows the agent a regret: rounding, haste, or an error of the model.
 
     Formula: Π_ε(u) = {π : ρ(π,u) ≤ ε}; the estimate is the member nearest to the middle of its bounds, or under a prior
     Σ w_b π_b / Σ w_b over the prior's beliefs in the set.
@@ -230,8 +234,8 @@ class NearOptimalAdversary(PriorReader):
     Raises:
         InputError: An argument is malformed, or the prior has another number of states.
 
-    Cost: without a prior some tens of forward solves a distinct decision, 9 ms at three states; with one of B beliefs, B·M
-    regrets.
+    Cost: without a prior, some tens of forward solves per distinct decision, 9 ms at three states; with a prior of B beliefs,
+    B·M regrets.
 
     Source: near-optimal inverse optimisation.
 
@@ -259,7 +263,7 @@ class NearOptimalAdversary(PriorReader):
         return f"NearOptimalAdversary({self.problem!r}, {self.regret:g})"
 
     def infer(self, action: ArrayLike) -> NearOptimalBeliefs | ShownBeliefs:
-        """Return Π_ε(u) of one decision (U,), empty where every belief leaves more regret; under a disclosure their union."""
+        """Return Π_ε(u) of one decision (U,), empty where every belief leaves more regret; under a disclosure the union."""
         return self._set_of(action) if self._reading.is_plain else self._reading.union(action, self._set_of)
 
     def _set_of(self, action: ArrayLike) -> NearOptimalBeliefs:
@@ -272,7 +276,7 @@ class NearOptimalAdversary(PriorReader):
 class BudgetAwareAdversary(PriorReader):
     """The budget-aware observer: the beliefs under which the decision is within the agent's budget.
 
-    Formula: {π : ρ(π,u) ≤ budget at π}, which always holds the true belief; the estimate is the member nearest to the middle
+    Formula: {π : ρ(π,u) ≤ budget at π}, which always contains the true belief; the estimate is the member nearest to the middle
     of its bounds, or under a prior Σ w_b π_b / Σ w_b over the prior's beliefs in the set.
 
     Args:
@@ -288,7 +292,7 @@ class BudgetAwareAdversary(PriorReader):
 
     Cost: as `NearOptimalAdversary`.
 
-    Source: a budget is a promise that the observer can hold the agent to; the paper, eq. (8).
+    Source: the paper, eq. (8): the observer knows the constraint on the agent's regret.
 
     Example:
         >>> import numpy as np
@@ -316,7 +320,7 @@ class BudgetAwareAdversary(PriorReader):
         return f"BudgetAwareAdversary({self.problem!r}, {self.budget})"
 
     def infer(self, action: ArrayLike) -> AffordableBeliefs | ShownBeliefs:
-        """Return the beliefs under which one decision (U,) is affordable, empty where there are none; or their union.
+        """Return the beliefs under which one decision (U,) is affordable, perhaps none; under a disclosure the union.
 
         Raises `InputError` for a share above 1 where the optimal cost is negative somewhere.
         """
@@ -330,7 +334,7 @@ class BudgetAwareAdversary(PriorReader):
 
 
 def _blocks(n_points: int, n_beliefs: int) -> list[slice]:
-    """Slices of the decisions whose tables of regrets fit into a block."""
+    """Return slices of the decisions whose tables of regrets fit into memory."""
     size = max(_BLOCK // n_beliefs, 1)
     return [slice(start, start + size) for start in range(0, n_points, size)]
 

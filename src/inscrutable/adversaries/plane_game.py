@@ -1,8 +1,8 @@
-"""The minimum over the simplex of a maximum of linear functions: a small linear programme, one cutting plane at a time.
+"""The minimum over the simplex of a maximum of linear functions, by a linear programme that grows by cutting planes.
 
 min_π max_j π·a_j over Δ_X is the value of a matrix game: max v with Σ_j w_j a_ji − z_i = v for every state i, Σ_j w_j = 1,
-w ≥ 0, z ≥ 0. A basis has X + 1 columns. A new plane leaves the old basis feasible, so a few exchanges of the simplex method
-solve the grown programme, and π and its value are the multipliers.
+w ≥ 0, z ≥ 0. A basis has X + 1 columns. A new plane leaves the old basis feasible, so a few pivots of the simplex method solve
+the larger programme; π and the value are the dual variables.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from inscrutable.linear_programmes import LinearAnswer, Rows, minimum
 from inscrutable.validation import Array
 
 _MOST_EXCHANGES = 60
-"""Exchanges after which HiGHS takes over: a basis that cycles, or is all but singular."""
+"""Pivots after which HiGHS takes over: the basis cycles or is nearly singular."""
 
 
 class PlaneGame:
-    """Planes (n,X), scaled to entries of about one, and the lowest point of their envelope where it is not below zero."""
+    """Planes (n,X), scaled to entries of about one, and the minimum of their maximum, at least zero."""
 
     def __init__(self, planes: Array) -> None:
         self.planes = planes
@@ -62,7 +62,7 @@ class PlaneGame:
         return float(inverse[0, -1]), -inverse[0, :-1], inverse
 
     def _exchange(self, inverse: Array, plane: int | None, state: int) -> bool:
-        """Bring in a plane, or a state's slack, for the column that reaches zero first; False where none does."""
+        """Pivot: a plane or a state's slack enters for the column that reaches zero first; False where none does."""
         column = np.append(self.planes[plane], 1.0) if plane is not None else -np.eye(len(inverse))[state]
         change = (inverse @ column)[1:]
         held = np.maximum(inverse[1:, -1], 0.0)

@@ -21,14 +21,14 @@ MOST_PLANES = 500
 
 
 def gap_compared(problem: DecisionProblem, action: Array, margin: float) -> float:
-    """Return the plausibility gap, or any bound of it on the same side of `margin` as soon as the side is known."""
+    """Return the plausibility gap, or a bound on the same side of `margin` as soon as the side is known."""
     return nearest_explanation(problem, action, margin)[1]
 
 
 def nearest_explanation(problem: DecisionProblem, action: Array, margin: float = np.inf) -> tuple[Array, float]:
     """Return the belief (X,) that leaves the decision the least regret, and that regret.
 
-    With a finite `margin` the search ends when the regret is known to lie above or below it, with a bound in its place.
+    With a finite `margin` the search ends as soon as the regret is known to lie above or below it, and returns a bound.
     """
     found = closed_planes(problem, action, margin)
     return found.belief, found.gap
@@ -51,7 +51,7 @@ def closed_planes(problem: DecisionProblem, action: Array, margin: float = np.in
 def planes_below(problem: DecisionProblem, own: Array, margin: float = np.inf) -> ClosedPlanes:
     """Return min_π max(π·s − V(π), 0) for any state costs s (X,), with the planes that prove it, as `closed_planes`.
 
-    Where it may be zero because π·s < V(π), only a finite `margin` ends the search.
+    Where the minimum may be zero because π·s < V(π), only a finite `margin` ends the search.
     """
     search = _Search(problem.n_states, own, margin)
     while not search.is_closed:
@@ -60,7 +60,7 @@ def planes_below(problem: DecisionProblem, own: Array, margin: float = np.inf) -
 
 
 def nearest_explanations(problem: DecisionProblem, actions: Array) -> tuple[Array, Array]:
-    """Return `nearest_explanation` of many decisions (M,U): beliefs (M,X) and regrets (M,), solved for side by side."""
+    """Return `nearest_explanation` of many decisions (M,U), solved together: beliefs (M,X) and regrets (M,)."""
     searches = [_Search(problem.n_states, own, np.inf) for own in np.atleast_2d(problem.state_costs(actions))]
     still = searches
     while still:
@@ -75,7 +75,7 @@ def nearest_explanations(problem: DecisionProblem, actions: Array) -> tuple[Arra
 
 
 class _Search:
-    """Cutting planes for one decision: beliefs wait to be solved for, and planes are made of what they cost."""
+    """Cutting planes for one decision: a queue of beliefs to solve for; the costs of their optima give the planes."""
 
     def __init__(self, n_states: int, own: Array, margin: float) -> None:
         self._own, self._margin = own, margin
@@ -88,7 +88,7 @@ class _Search:
         self._rounds = 0
 
     def take(self, costs: Array) -> None:
-        """Take the state costs (n,X) of the optimal decisions of the beliefs that waited."""
+        """Add the planes of the queued beliefs, given the state costs (n,X) of their optimal decisions."""
         planes = self._own - costs
         regrets = (self.waiting * planes).sum(axis=1)
         for point, regret in zip(self.waiting, regrets, strict=True):
@@ -103,7 +103,7 @@ class _Search:
         self._judge(self._game)
 
     def _judge(self, game: PlaneGame) -> None:
-        """Close the search, or say what to solve for next."""
+        """End the search, or queue the next beliefs."""
         lower, trial = game.lowest()
         if self._upper - lower * self._scale <= tolerances.GAP_STEP * self._scale:
             self.is_closed, self._bound = True, self._upper
@@ -117,11 +117,11 @@ class _Search:
             raise SolverError(
                 f"the plausibility gap did not close: between {lower * self._scale:.3g} and {self._upper:.3g}"
             )
-        # Half-way to the best belief so far: Kelley's corners alone zigzag.
+        # Add the midpoint to the best belief so far: Kelley's minimisers alone zigzag.
         self.waiting = np.vstack([trial, 0.5 * (trial + self._best)])
 
     def found(self) -> ClosedPlanes:
-        """Return what the closed search found."""
+        """Return the result of the finished search."""
         return ClosedPlanes(self._best, self._bound, self._planes, self._points)
 
 

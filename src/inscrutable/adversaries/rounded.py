@@ -1,18 +1,18 @@
-"""The beliefs that explain a decision, in full precision or before rounding.
+"""The beliefs that explain a decision, in full precision or rounded.
 
-A published decision ũ is the decision u* moved by rounding, |ũ_j − u*_j| ≤ h = ½·10^−d for d decimals. It is first completed to
-the nearest feasible decision û; rows of the feasible set within reach of the rounding (a weight printed as zero) are taken as
-tight. With δ = û − u* this gives |δ_j| ≤ h_j = h + |û_j − ũ_j| and A_eq δ = 0, all known. Costs are convex, so for whatever
-belief π the agent held
+A published decision ũ is the decision u* moved by rounding, |ũ_j − u*_j| ≤ h = ½·10^−d for d decimals. It is first projected to
+the nearest feasible decision û, with the constraints that rounding can reach (a weight printed as zero) taken as active. With δ
+= û − u* this gives the known bounds |δ_j| ≤ h_j = h + |û_j − ũ_j| and A_eq δ = 0. Costs are convex, so for every belief π of
+the agent
 
     ρ(π,û) ≤ ε = max_i Σ_j |P ∇c(i,û)|_j h_j,  P the projector on A_eq δ = 0.
 
-Where costs are quadratic and every row that is tight at u* is tight at û, the gradient's part of the regret vanishes there:
+Where costs are quadratic and every constraint active at u* is active at û, the first-order term of the regret vanishes:
 
     ρ(π,û) = ½ δ'H_π δ ≤ ε = ½ max_i min( Σ_jk |P H_i P|_jk h_j h_k , λ_max(P H_i P) Σ_j h_j² ),
 
-because H_π is an average of the H_i. The true belief therefore lies in the near-optimal set Π_ε(û): always, not on average.
-A least regret above ε is then a proof: no belief and no rounding explain the decision.
+because H_π is an average of the H_i. The true belief therefore always lies in the near-optimal set Π_ε(û). A least regret above
+ε proves that no belief explains any decision that rounds to this one.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ def consistent_beliefs(
     tolerance: float = tolerances.EXPLAINED,
     digits: int | None = None,
 ) -> BeliefSet | NearOptimalBeliefs:
-    """Return the beliefs for which `action` is optimal, as an explicit polytope, or for which it was before rounding.
+    """Return the beliefs for which `action` is optimal; with `digits`, those for which it was optimal before rounding.
 
     Formula: Π(u) = {π ∈ Δ_X : ∃ λ ≥ 0, ν : G(u)π + A_act'λ + A_eq'ν = 0}, where the active rows are those with less
-    slack than the feasible set's `min_slack`; the multipliers are eliminated. With `digits` the near-optimal set Π_ε(û) of this
-    module's head, which holds them all.
+    slack than the feasible set's `min_slack`; the multipliers are eliminated. With `digits` the result is the near-optimal set
+    Π_ε(û), which contains all beliefs that explain a decision before rounding; this module's docstring derives ε.
 
     Args:
         problem: The decision problem that the observer knows.
@@ -65,12 +65,12 @@ def consistent_beliefs(
         digits: Digits after the point that the decision was rounded to, at least 0; None for full precision.
 
     Returns:
-        A `BeliefSet`; empty where no belief explains the decision. With `digits` a `NearOptimalBeliefs` of the decision as
-        completed, whose `regret` is what rounding can cost.
+        A `BeliefSet`; empty where no belief explains the decision. With `digits` a `NearOptimalBeliefs` of the projected
+        decision, whose `regret` is the most that rounding can cost.
 
     Raises:
         InputError: `action` has the wrong length, is not finite or lies outside the feasible set by more than rounding;
-            `tolerance` ≤ 0; choices that are whole numbers are not rounded.
+            `tolerance` ≤ 0; or `digits` for finite choices, which are whole numbers.
 
     Cost: one pseudo-inverse of the active rows; with `digits` some tens of forward solves at the first query. Source: the
     paper, Theorem 1 and eq. (4); this module's head.
@@ -105,12 +105,12 @@ def consistent_beliefs(
 
 
 def half_unit(decimals: int) -> float:
-    """Return h, the most that rounding to so many decimals moves a number."""
+    """Return h, the largest error of rounding to `decimals`."""
     return float(0.5 * 10.0**-decimals)
 
 
 class Completed(NamedTuple):
-    """A published row as a feasible decision; `on_face` where every row within reach of the rounding is tight."""
+    """A published row as a feasible decision; `on_face`: every constraint that rounding can reach is active."""
 
     action: Array
     adjustment: float
@@ -118,11 +118,11 @@ class Completed(NamedTuple):
 
 
 def completed(problem: DecisionProblem, published: Array, half_unit: float) -> Completed:
-    """Return the nearest feasible decision, with rows within reach of the rounding tight where that is possible."""
+    """Return the nearest feasible decision; constraints that rounding can reach are active where that is possible."""
     region = problem.constraints
     if half_unit == 0.0 and region.violation(published) <= 0.5 * tolerances.FEASIBILITY:
         return Completed(published, 0.0, True)
-    if region.needs_lift:  # which of its rows rounding can reach is not known
+    if region.needs_lift:  # which constraints rounding can reach is not known
         return _changed(_nearest(region, published), published, on_face=False)
     reach = half_unit * np.abs(region.A_ub).sum(axis=1) / region.row_scale + tolerances.FEASIBILITY
     near = region.slacks(published) <= reach
@@ -150,7 +150,7 @@ def _nearest(region: Polyhedron, point: Array) -> Array:
 
 
 def allowance(problem: DecisionProblem, whole: Completed, reach: Array, *, is_optimal: bool = True) -> float:
-    """Return ε of this module's head, for coordinates that may be off by `reach` (U,), of an optimal decision or another."""
+    """Return ε of this module's docstring, for coordinates off by at most `reach` (U,), of an optimal decision or another."""
     equalities = problem.constraints.A_eq
     free = null_space(equalities) if len(equalities) else np.eye(reach.size)
     project = free @ free.T

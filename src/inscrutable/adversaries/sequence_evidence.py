@@ -1,4 +1,4 @@
-"""What an observer sees at each step, as likelihoods: a decision, perhaps the state, perhaps a report of its own sensor."""
+"""An observer's evidence at each step, as likelihoods: a decision, and perhaps the state or a report of its own sensor."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from inscrutable.worlds.public import UNREAD
 class Evidence:
     """T steps of evidence.
 
-    `states` is all other evidence, as a likelihood with largest entry one, whose logarithm is `offsets`. `public` are the
-    public observations, symbols (T,) or real rows (T,Z), `UNREAD` or NaN where this observer missed one; None where there
-    are none.
+    `states` is the likelihood of all other evidence, scaled to a largest entry of one; `offsets` is the logarithm of the scale.
+    `public` are the public observations, symbols (T,) or real rows (T,Z), `UNREAD` or NaN where this observer did not read
+    them; None without a public sensor.
     """
 
     points: Array  # (T,U) decisions, NaN where none was seen
-    nearest: bool  # whether the nearest decision that is played stands in for one that is not
+    nearest: bool  # whether the nearest played decision replaces one that is never played
     told: np.ndarray | None  # (T+1,) a public memory, before the first decision and after each
     states: Array  # (T,X)
     offsets: Array  # (T,)
@@ -54,7 +54,7 @@ class Evidence:
 
     @property
     def is_all_read(self) -> bool:
-        """Whether everything that is public was read."""
+        """Whether the observer read all public observations."""
         if self.public is None:
             return True
         return not bool(np.isnan(self.public).any() or (self.public.ndim == 1 and (self.public == UNREAD).any()))
@@ -65,7 +65,7 @@ class Evidence:
         return replace(self, states=np.ones_like(self.states), offsets=np.zeros_like(self.offsets), public=read)
 
     def status(self, column: int, moved: bool, total: float) -> SequenceStatus:
-        """Return the likelihoods given a decision, its number, whether the nearest stood in for it, and its probability."""
+        """Return how a decision was read, from its number, whether the nearest replaced it, and its probability."""
         if column == UNSEEN:
             return SequenceStatus.UNSEEN
         if column == NEVER_PLAYED:
@@ -95,14 +95,14 @@ def decision_points(actions: ArrayLike, like: Any, steps: Axis) -> Array:
 
 
 def unseen_points(n_steps: int) -> Array:
-    """Return what stands for decisions that were not seen, shape (T,1)."""
+    """Return rows of NaN for decisions that were not observed, shape (T,1)."""
     return np.full((n_steps, 1), np.nan)
 
 
 def state_evidence(
     n_steps: int, n_states: int, sensor: Emission | None, known: np.ndarray | None, observations: Any
 ) -> tuple[Array, Array]:
-    """Return the likelihood (T,X) of each state, largest entry one, and the logarithm (T,) taken out of it."""
+    """Return the likelihood (T,X) of each state, scaled to a largest entry of one, and the logarithm (T,) of the scale."""
     logs = np.zeros((n_steps, n_states))
     if known is not None:
         _check_length(len(known), n_steps, "states")

@@ -1,4 +1,4 @@
-"""What an observer of a whole sequence of decisions infers of the private belief at each step."""
+"""An observer's law of the private belief at each step of a sequence of decisions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from inscrutable.validation import Array
 
 @saved_choice
 class SequenceStatus(Enum):
-    """How one decision of a sequence was read; the text says what to do about it.
+    """How the filter used one decision of a sequence; the text says what to do.
 
     Example:
         >>> SequenceStatus.USED.value
@@ -49,16 +49,17 @@ class InferredBeliefs(Summarised, Saved):
 
     Args:
         beliefs: π_b, the mechanism's beliefs, shape (B,X).
-        weights: Shape (T,B); of particles, the mixtures of these beliefs that stand for them.
+        weights: Shape (T,B); for particles, the weights of the mixtures of these beliefs that represent them.
         mean: The observer's estimate of the private belief, shape (T,X).
-        spread: Root mean square Euclidean distance of the belief from the estimate that the observer expects, shape (T,).
+        spread: The observer's expected root mean square distance of the belief from the estimate, shape (T,).
         states: Pr(x_t | what was seen), shape (T,X).
-        log_likelihood: Natural logarithm of the probability of what was seen at each step given what came before, shape
-            (T,); −inf where a decision had probability zero and was passed over, and of the stand-ins where it was widened.
-        statuses: One per step.
-        effective_size: 1/Σ w² over the beliefs of the grid, or over the particles, shape (T,): how many matter.
-        interpolation_error: Expected distance of the agent's belief from the points of the mechanism that stand for it at
-            that step, shape (T,); 0 everywhere where the law is exact.
+        log_likelihood: Natural logarithm of the probability of each step's evidence given the earlier evidence, shape (T,). It
+            is −inf where a decision had probability zero and was skipped; for a decision read with a tolerance it is that of
+            the replacement beliefs.
+        statuses: One `SequenceStatus` per step.
+        effective_size: 1/Σ w² over the beliefs of the grid, or over the particles, shape (T,).
+        interpolation_error: Expected distance of the agent's belief from the mechanism's beliefs that represent it at that
+            step, shape (T,); 0 everywhere where the law is exact.
         n_particles: 0 on a grid.
 
     Source: Mattila, Rojas, Krishnamurthy, Wahlberg, Inverse Filtering for Hidden Markov Models (2017).
@@ -88,14 +89,14 @@ class InferredBeliefs(Summarised, Saved):
 
     @property
     def is_exact(self) -> bool:
-        """Whether every belief that the agent can hold at these steps is one of the mechanism's, and nothing was drawn."""
+        """Whether the law is exact: no particles, and the mechanism lists every belief the agent can hold at these steps."""
         return self.n_particles == 0 and bool(self.interpolation_error.max(initial=0.0) <= tolerances.SAME_BELIEF)
 
     def errors_of(self, beliefs: ArrayLike) -> Array:
         """Return the Euclidean distance of each estimate from the agent's belief (T,X), shape (T,).
 
         Raises:
-            InputError: There are not as many beliefs as steps.
+            InputError: The number of beliefs differs from that of the steps.
         """
         held = validation.many_beliefs(beliefs, self.mean.shape[1])
         if held.shape != self.mean.shape:
@@ -103,7 +104,7 @@ class InferredBeliefs(Summarised, Saved):
         return np.asarray(np.linalg.norm(held - self.mean, axis=1))
 
     def error_of(self, beliefs: ArrayLike) -> float:
-        """Return the root mean square of `errors_of`: how far the observer is from the truth."""
+        """Return the observer's root mean square error, that of `errors_of`."""
         return float(np.sqrt(np.mean(self.errors_of(beliefs) ** 2)))
 
     def summary(self) -> str:

@@ -1,4 +1,4 @@
-"""The aware observer over time: it knows the mechanism and the world, and sees decision after decision."""
+"""The aware observer over time: it knows the mechanism and the world, and sees successive decisions."""
 
 from __future__ import annotations
 
@@ -40,41 +40,39 @@ class SequentialAdversary:
     """The inverse filter of an agent that filters its world and plays a known mechanism.
 
     Formula: α_{t+1}(x',π') ∝ K(u_{t+1}|π') Σ P[x,x'] B[x',y] α_t(x,π) over all x, π, y with π' = T(π,y), from
-    α_0(x,π) ∝ K(u_0|π) Σ initial(x) B[x,y] over π = π_0(y): the joint law of state and private belief. Where the world has
-    something public, the sum is over what agrees with what was read: all y and z_{t+1}, or the y of which z_{t+1} is the part.
+    α_0(x,π) ∝ K(u_0|π) Σ initial(x) B[x,y] over π = π_0(y): the joint law of state and private belief. Where the world has a
+    public sensor, the sum is over the observations that agree with the public reading z_{t+1}.
 
-    On the mechanism's beliefs, a belief between them is split among the corners of its cell of a triangulation; exact
-    where the mechanism lists every belief that the agent can reach, as `reachable_beliefs` does, and otherwise with the
-    error that the result states. A decision that no belief of the grid still plays, because the agent's own lies between
-    them, is read with a tolerance of two cells: half of the law moves to the nearest that play it, half stays. By particles,
-    the agent's beliefs are followed as they are, and only K is interpolated: the better choice where the mechanism hardly
-    mixes, because the beliefs that a grid adds then often contradict what is played.
+    On a grid, a belief between the mechanism's beliefs is a mixture of the corners of its cell of a triangulation. This is
+    exact where the mechanism lists every belief that the agent can reach (`reachable_beliefs`); otherwise the result states the
+    error. A decision of probability 0 on the grid is read with a tolerance of two cells: half of the law moves to the nearest
+    beliefs that play it, half stays. Particles follow the agent's beliefs without a grid and interpolate K alone. They suit
+    mechanisms that draw little, for which a grid's extra beliefs often contradict the decisions.
 
     Args:
-        world: The world as the adversary knows it; or a `BeliefChain` on the mechanism's beliefs.
-        mechanism: What the agent plays under which belief: K(u|π); a `MemoryMechanism`, whose law of the memory is followed as
-            well; or a `MechanismRule`, such as `SequentialDecisionMaker`, which makes K_t from the law that an observer of the
-            earlier decisions alone holds at step t.
-        agent_world: The world as the agent has it in its own filter; None: the same. An observation that it rules out
-            leaves the agent with its prediction. Of a chain the one that a rule takes for true, which may have nothing public.
-        sensor: The adversary's own sensor on the same states, an `Emission`; what it reports goes into `observations`.
-        interpolation: "linear", or "nearest": each belief is moved to the nearest of the mechanism's. From five states on
-            always the latter.
-        n_particles: How many particles follow the agent; 0 for the grid, which needs a `CategoricalEmission`.
+        world: The observer's model of the world; or a `BeliefChain` on the mechanism's beliefs.
+        mechanism: K(u|π); a `MemoryMechanism`, whose memory the filter tracks as well; or a `MechanismRule`, such as
+            `SequentialDecisionMaker`, which chooses K_t given the belief's law for an observer of the earlier decisions alone.
+        agent_world: The world of the agent's own filter; None: the same. After an observation that this world rules out, the
+            agent keeps its prediction. Of a chain the one that a rule takes for true, which may have nothing public.
+        sensor: The observer's own sensor on the same states, an `Emission`; pass its reports as `observations`.
+        interpolation: "linear", or "nearest": each belief moves to the nearest one of the mechanism. From five states on always
+            "nearest".
+        n_particles: Number of particles; 0: the grid, which needs a `CategoricalEmission`.
         rng: The source of the particles' draws.
-        disclosure: What it is shown of decisions, how often and how late, such as `every(3) | delayed(2)`, also as text; None
-            is all, at once. What it then filters are the values shown, `disclosure(actions)`: step by step what appears at
-            that step, NaN where nothing does; what it infers is still the belief of the step itself.
+        disclosure: What the observer sees of decisions, how often and how late, such as `every(3) | delayed(2)`, also as text;
+            None: all, at once. `filter` then takes the disclosed values `disclosure(actions)`, one row per step with NaN where
+            nothing is disclosed; it still infers the belief of the step itself.
 
     Raises:
-        InputError: Numbers of states or symbols differ, or observations are real numbers and no particles are asked for; or a
-            disclosure is not the one that a rule was made for, hides steps of a public memory, or delays what particles follow.
+        InputError: Numbers of states or symbols differ; observations are real numbers without particles; a disclosure differs
+            from the one of the rule, hides steps of a public memory, or has a delay with particles.
 
-    Cost: on B beliefs with Y symbols, or pairs with public ones, X²·B·Y a step. By N particles N·Y beliefs are looked up a
-    step, of other sensors 4 N.
+    Cost: O(X²·B·Y) per step on B beliefs with Y symbols, or pairs with public ones; N·Y look-ups per step with N particles, 4·N
+    for sensors without symbols.
 
-    Source: Mattila, Lourenço, Krishnamurthy, Rojas, Wahlberg, arXiv 1910.07332, where the state is known; here it need
-    not be. The premise is Kerckhoffs' principle.
+    Source: Mattila, Lourenço, Krishnamurthy, Rojas, Wahlberg, arXiv 1910.07332, where the observer knows the state; here it
+    need not. Kerckhoffs' principle.
 
     Example:
         >>> import numpy as np
@@ -123,7 +121,7 @@ class SequentialAdversary:
     def _made(
         self, world: Any, agent_world: Any, rule: KnownRule, points: BeliefPoints
     ) -> InverseFilter | BeliefParticles:
-        """What reads sequences in a world: a grid of beliefs, or particles."""
+        """Return the filter of a world: on a grid of beliefs, or with particles."""
         if isinstance(world, BeliefChain):
             if self.sensor is not None or self.n_particles:
                 raise InputError("a chain of beliefs has no states: it takes no sensor or n_particles")
@@ -137,10 +135,10 @@ class SequentialAdversary:
 
     @property
     def interpolation_error(self) -> Array:
-        """Expected distance of T(π_b,y) from the points that stand for it, shape (B,Y); of no use to particles.
+        """Expected distance of T(π_b,y) from the points that represent it, shape (B,Y); on a grid only.
 
         Raises:
-            InputError: The adversary works by particles; the error is then in the result alone.
+            InputError: The adversary uses particles; only the result has the error then.
         """
         if isinstance(self._reader, BeliefParticles):
             raise InputError("particles have no fixed interpolation error: see the result's `interpolation_error`")
@@ -148,7 +146,7 @@ class SequentialAdversary:
 
     @property
     def is_exact(self) -> bool:
-        """Whether every successor of every belief of the mechanism is one of its beliefs; a result knows of its own steps."""
+        """Whether every successor of every belief of the mechanism is one of its beliefs; see also `is_exact` of a result."""
         return not self.n_particles and bool(self.interpolation_error.max() <= tolerances.SAME_BELIEF)
 
     def filter(
@@ -162,23 +160,23 @@ class SequentialAdversary:
         nearest: bool = False,
         returns: ArrayLike | None = None,
     ) -> InferredBeliefs:
-        """Return what the adversary holds of each belief from the decisions up to it.
+        """Return the law of each belief given the decisions up to its step.
 
         Args:
             actions: u_0..u_{T-1}, shape (T,U), or (T,) choices; a row of NaN where no decision was seen. Under a disclosure
                 what it shows at each step, `disclosure(actions)`.
-            states: x_0..x_{T-1}, where the adversary knows them.
-            observations: What its own sensor reported, T of them. Labelled rows are put in the order of the decisions'.
-            memories: What the agent remembered before the first decision and after each, T+1 numbers, where that is public.
-            public: The T public observations in a world that has them: symbols or real rows, NaN where this
-                adversary did not read them.
-            nearest: Whether a decision that the mechanism never plays counts as the nearest one that it plays;
-                otherwise it is passed over, with a status.
-            returns: Of the period of each decision, (T,U), where decisions are shown through them.
+            states: x_0..x_{T-1}, where the observer knows them.
+            observations: The T reports of the observer's own sensor. Labelled rows are aligned with those of the decisions.
+            memories: The agent's memory before the first decision and after each, T+1 numbers, where it is public.
+            public: The T public observations in a world with a public sensor: symbols or real rows, NaN where the observer did
+                not read them.
+            nearest: Whether a decision that the mechanism never plays is replaced by the nearest one that it plays; otherwise
+                it is skipped, with a status.
+            returns: Returns of the period of each decision, (T,U), where the disclosure uses them.
 
         Raises:
             InputError: Shapes or lengths disagree.
-            ModelError: States or observations are impossible in the adversary's world.
+            ModelError: States or observations are impossible in the observer's world.
         """
         beside = _Beside(states, observations, public, returns)
         return self._inferred(actions, beside, memories, nearest, smooth=False)
@@ -194,9 +192,9 @@ class SequentialAdversary:
         nearest: bool = False,
         returns: ArrayLike | None = None,
     ) -> InferredBeliefs:
-        """Return what the adversary holds of each belief from all decisions, later ones included; arguments as `filter`.
+        """Return the law of each belief given all decisions, later ones included; arguments as `filter`.
 
-        Particles are followed back to their ancestors, of which few are left far from the end: `effective_size` says.
+        Particles are traced back to their ancestors, which are few far from the end: see `effective_size`.
         """
         beside = _Beside(states, observations, public, returns)
         return self._inferred(actions, beside, memories, nearest, smooth=True)
@@ -204,9 +202,9 @@ class SequentialAdversary:
     def unseen(
         self, n_steps: int, *, states: ArrayLike | None = None, observations: Any = None, public: Any = None
     ) -> InferredBeliefs:
-        """Return what the adversary holds of `n_steps` beliefs without seeing a decision: the ceiling of its error.
+        """Return the law of `n_steps` beliefs given no decision: the ceiling of the observer's error.
 
-        Other arguments as `filter`. Where all that the agent observes is public, nothing is left to hide, and the error is 0.
+        Other arguments as `filter`. Where all observations of the agent are public, the error is 0.
         """
         points = unseen_points(validation.count(n_steps, "n_steps"))
         beside = _Beside(states, observations, public, None)
@@ -269,7 +267,7 @@ class SequentialAdversary:
         return reader.result(passed, reader.smoothed(evidence, passed) if smooth else None), used
 
     def summary(self) -> str:
-        """Return what it knows and sees, in a few lines."""
+        """Return what the observer knows and sees, as a few lines of text."""
         return f"{self!r}\nknows   {self.mechanism!r}\nsees    {self.disclosure.summary()}"
 
     def __repr__(self) -> str:
@@ -278,7 +276,7 @@ class SequentialAdversary:
 
 
 class _Beside(NamedTuple):
-    """What an adversary sees beside decisions."""
+    """An observer's evidence besides decisions."""
 
     states: ArrayLike | None
     observations: Any

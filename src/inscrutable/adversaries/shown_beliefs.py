@@ -1,4 +1,4 @@
-"""Beliefs that an observer infers from a part of a decision: the union over the candidates that look the same."""
+"""Beliefs inferred from a disclosed part of a decision: the union over all candidates with the same disclosed value."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ShownBeliefs:
     """The union of the consistent beliefs of all decisions with one disclosed value; it need not be convex.
 
     Args:
-        members: One set for each candidate with this disclosed value that some belief explains.
+        members: One set for each candidate with this disclosed value, if some belief explains it.
 
     Source: the paper, Theorem 1, for every candidate that is still possible.
 
@@ -69,7 +69,7 @@ class ShownCandidates:
         disclosure: What is disclosed of them.
 
     Raises:
-        InputError: They are no decisions of the problem, or the disclosure does not suit them.
+        InputError: The candidates are not decisions of the problem, or the disclosure does not suit them.
     """
 
     def __init__(self, problem: DecisionProblem, candidates: Any, disclosure: Disclosure) -> None:
@@ -86,7 +86,7 @@ class ShownCandidates:
         self._tree = cKDTree(np.asarray(values, dtype=np.float64).reshape(len(values), -1))
 
     def classes(self, values: ArrayLike, nearest: bool) -> np.ndarray:
-        """Return which class each value shown (M,V) is of, shape (M,): −1 for none, or the nearest one."""
+        """Return the class of each disclosed value (M,V), shape (M,): −1 for none, or with `nearest` the nearest class."""
         given = validation.finite_array(np.asarray(values, dtype=np.float64), "shown values", ndim=np.ndim(values))
         rows = given.reshape(len(given), -1)
         if rows.shape[1] != self._width:
@@ -100,7 +100,7 @@ class ShownCandidates:
 
 
 class ShownReading:
-    """How an observer of sets reads what it is shown: on candidates where parts are hidden, otherwise as it stands."""
+    """How a set observer uses a disclosed value: through candidates where parts are hidden, otherwise directly."""
 
     def __init__(self, problem: DecisionProblem, disclosure: Any, candidates: Any, what: str) -> None:
         self.disclosure = single_decisions(Disclosure.of(disclosure), what)
@@ -112,22 +112,22 @@ class ShownReading:
 
     @property
     def is_plain(self) -> bool:
-        """Whether decisions are seen as they are."""
+        """Whether decisions are fully disclosed."""
         return not self.disclosure.maps
 
     @cached_property
     def candidates(self) -> ShownCandidates:
-        """The candidates by how they look."""
+        """The candidates, grouped by disclosed value."""
         return ShownCandidates(self._problem, self._given, self.disclosure)
 
     def union(self, value: ArrayLike, set_of: Callable[[Array], Any]) -> ShownBeliefs:
-        """Return the sets of all candidates that look as a value shown (V,) does."""
+        """Return the union of the sets of all candidates with a disclosed value (V,)."""
         number = int(self.candidates.classes(np.asarray(value)[None], nearest=False)[0])
         found = [set_of(each) for each in self.candidates.of_class(number)]
         return ShownBeliefs(tuple(each for each in found if not each.is_empty))
 
     def guesses(self, values: ArrayLike, guess: Callable[[Array], Array], nearest: bool, n_states: int) -> Array:
-        """Return guesses (M,X) at values shown, by a guess at the candidates (m,U) of a class; NaN for values of none."""
+        """Return estimates (M,X) at disclosed values, each from the candidates (m,U) of its class; NaN without a class."""
         numbers = self.candidates.classes(values, nearest)
         found = np.full((len(numbers), n_states), np.nan)
         for number in np.unique(numbers[numbers >= 0]):

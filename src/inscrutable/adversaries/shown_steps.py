@@ -1,4 +1,4 @@
-"""The inverse filter of an observer of disclosed decisions: parts of them, at some steps, with a delay."""
+"""The inverse filter under a disclosure: parts of decisions, at some steps, with a delay."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class ShownSteps:
     """A mechanism under a disclosure, for an observer of sequences.
 
     Args:
-        given: A mechanism, with memory or without, or a rule.
+        given: A mechanism, with or without memory, or a rule.
         disclosure: What is disclosed of its decisions.
 
     Raises:
-        InputError: There is no such mechanism, or it cannot be disclosed so.
+        InputError: `given` is no mechanism or rule, or the disclosure does not suit it.
     """
 
     def __init__(self, given: Any, disclosure: Disclosure) -> None:
@@ -40,11 +40,11 @@ class ShownSteps:
 
     @property
     def actions(self) -> Any:
-        """An example of what is shown; None where it is not known yet."""
+        """An example of a disclosed value; None where it is not known yet."""
         return np.zeros((1, 1)) if self.disclosure.needs_returns else getattr(self.rule.given, "actions", None)
 
     def decided(self, shown: Array) -> Array:
-        """Return what was seen of the decision of each step (T,V), from what was shown at each step.
+        """Return the disclosed value of each step's decision (T,V), from the values by step of disclosure.
 
         Raises:
             InputError: Something is shown where the disclosure shows nothing.
@@ -63,7 +63,7 @@ class ShownSteps:
         return found
 
     def tables(self, returns: ArrayLike | None, n_steps: int, steps: Axis) -> list[DecisionTables] | None:
-        """Return how decisions of each step look through the returns (T,U); None where they always look the same.
+        """Return the decision tables of each step under the returns (T,U); None where they are the same at every step.
 
         Raises:
             InputError: Returns are missing, not needed, or of another shape.
@@ -79,7 +79,7 @@ class ShownSteps:
     def late(self, reader: InverseFilter, evidence: Evidence, passed: ForwardPass) -> ForwardPass:
         """Return the law of each step's belief given the decisions shown with the schedule's lag.
 
-        What else was seen of the state was seen at once. `passed` has its laws.
+        Evidence of the state has no lag; `passed` contains the laws given it.
         """
         lag, n_steps = self.disclosure.schedule.lag, len(evidence)
         found = replace(
@@ -110,7 +110,7 @@ class ShownSteps:
             assert laws is not None
             found.beliefs[t], found.states[t] = laws.of_belief()[0], laws.of_state()[0]
             found.errors[t], totals[t] = error, total
-        # A decision of probability zero was passed over: its step keeps the −inf that says so.
+        # A decision of probability zero was skipped: its step keeps the log-likelihood −inf.
         logs = np.diff(totals, prepend=0.0)
         passed_over = np.flatnonzero(np.isinf(passed.log_likelihood[: max(n_steps - lag, 0)])) + lag
         logs[passed_over] = -np.inf

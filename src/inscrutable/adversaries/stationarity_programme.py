@@ -1,9 +1,9 @@
-"""Whether some belief makes decisions optimal for some cost of a family between two of its members: linear programmes.
+"""Whether decisions are optimal under some belief and some cost between two members of a family: linear programmes.
 
 For a parameter θ between θ_0 and θ_1, with gradients affine in θ and s = (θ − θ_0)/(θ_1 − θ_0), the condition of optimality
-is Σ_i π_i ((1−s) G_i(θ_0) + s G_i(θ_1)) + A_act'λ + A_eq'ν = 0. With one s_i for each state in place of s it is linear in
-w = (π_i (1−s_i), π_i s_i) ≥ 0: a relaxation whose error shrinks with θ_1 − θ_0, and none where θ_0 = θ_1.
-A decision known to ±δ in each coordinate leaves the gradient uncertain by ε_i, which enters linearly too.
+is Σ_i π_i ((1−s) G_i(θ_0) + s G_i(θ_1)) + A_act'λ + A_eq'ν = 0. With a separate s_i for each state the condition is linear in w
+= (π_i (1−s_i), π_i s_i) ≥ 0: a relaxation whose error vanishes as θ_1 − θ_0 → 0. A decision known to ±δ in each coordinate
+leaves the gradient uncertain by ε_i, which is also linear in w.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 _MORE = 10.0
-"""Times the sum of the unknowns found that a ray is trusted to leave no solution up to."""
+"""A Farkas ray excludes solutions whose unknowns sum to at most this multiple of one plus the sum found."""
 
 
 class Conditions(NamedTuple):
@@ -63,19 +63,20 @@ class Programme:
         self._n_signed = low.normals.shape[1]
 
     def residual(self) -> float:
-        """Return the least residual over all w: at most zero where the conditions can be met."""
+        """Return the least residual over all w: at most zero where the conditions have a solution."""
         columns, size = np.eye(2 * self.n_states), 2 * self.n_states
         return self._least(columns, np.zeros(size), Rows(np.ones((1, size)), np.ones(1)), (0.0, None)).value
 
     def explains(self, tolerance: float) -> bool:
-        """Return whether the least residual is at most `tolerance`: by least squares where these decide, else by programme."""
+        """Return whether the least residual is at most `tolerance`: by least squares if possible, else by linear programme."""
         found = None if self._errors.any() else self._by_squares(tolerance)
         return self.residual() <= tolerance if found is None else found
 
     def _by_squares(self, tolerance: float) -> bool | None:
-        """Non-negative least squares for G w + A'λ + E'ν = 0, Σ w = 1: a solution shows the one, its residual the other.
+        """Decide by non-negative least squares for G w + A'λ + E'ν = 0, Σ w = 1; None where they do not decide.
 
-        The residual y is a ray of Farkas: where no column has y'a > 0, y'b > 0 leaves no solution within the tolerance.
+        A solution proves feasibility. The residual y proves infeasibility by Farkas' lemma if y'a ≤ 0 for every column a,
+        because y'b > 0.
         """
         n_free = self._normals.shape[1] - self._n_signed
         columns = np.hstack([self._gradients, self._normals, -self._normals[:, self._normals.shape[1] - n_free :]])

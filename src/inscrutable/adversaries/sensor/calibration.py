@@ -25,13 +25,13 @@ from inscrutable.worlds.linear_gaussian import LinearGaussianWorld
 from inscrutable.worlds.observations import symbols
 
 _POINTS = 17
-"""Values of each parameter at which the profile is found."""
+"""Number of values of each parameter at which the profile is computed."""
 
 _DROP = 0.5 * QUANTILE**2
-"""Fall of the log-likelihood at the ends of a 95 % interval of one parameter."""
+"""Decrease of the log-likelihood at the ends of a 95 % interval of one parameter."""
 
 _LEAST = -1e12
-"""Stands for the logarithm of zero where a maximum is looked for."""
+"""Replaces the logarithm of zero in the maximisation."""
 
 KnownMechanism = Mechanism | MemoryMechanism | MechanismRule | LinearView | Callable[[HiddenMarkovModel], Any]
 
@@ -54,22 +54,23 @@ def calibrate_sensor(
     Args:
         actions: u_0..u_{T−1}, as `SequentialAdversary.filter` takes them.
         states: x_0..x_{T−1}, whole numbers from 0.
-        mechanism: The agent's mechanism on a grid of beliefs, interpolated from the corners of a cell for beliefs between them.
-            Or a function of a world that returns one, such as one on `reachable_beliefs`, which makes the
-            likelihood exact whatever the sensor.
+        mechanism: The agent's mechanism on a grid of beliefs, interpolated between them. Or a function that takes a world and
+            returns a mechanism; on `reachable_beliefs` of that world the likelihood is exact for every sensor.
         family: The candidate sensors; a plain function of K probabilities is a family with K parameters between 0 and 1.
-        world: The agent's world, whose sensor is replaced by each of the family's; a linear Gaussian one is replaced whole.
-        n_particles: For sensors that report real numbers; all sensors use the same draws.
+        world: The agent's world; each sensor of the family replaces its sensor. A family of linear Gaussian worlds replaces all
+            of it.
+        n_particles: Number of particles, for sensors that report real numbers; all sensors use the same draws.
         rng: The source of the particles' draws.
 
     Returns:
-        A `CalibratedSensor` with status: one maximum, an open interval, a flat likelihood, several maxima, or none.
+        A `CalibratedSensor`; its status says whether the likelihood has one maximum, an open interval, no slope, several
+        maxima, or is zero.
 
     Raises:
-        InputError: States are out of range or not as many as the decisions, or the family is malformed.
+        InputError: States are out of range, their number differs from that of the decisions, or the family is malformed.
         ModelError: The world rules the states out.
 
-    Cost: a run of the inverse filter for each sensor that is tried: about 40 for one parameter, some hundred for more.
+    Cost: one run of the inverse filter for each sensor tried: about 40 for one parameter, some hundred for more.
 
     Source: Krishnamurthy, Rangaswamy, arXiv 1905.07230; Mattila, Lourenço, Krishnamurthy, Rojas, Wahlberg, arXiv 1910.07332.
 
@@ -135,7 +136,7 @@ def mechanism_in(given: KnownMechanism, world: HiddenMarkovModel) -> Any:
 
 
 def _log_probability(path: np.ndarray, world: HiddenMarkovModel) -> float:
-    """log Pr(x_0..x_{T−1}), which no sensor changes."""
+    """Return log Pr(x_0..x_{T−1}), which does not depend on the sensor."""
     shares = np.concatenate([world.initial[path[:1]], world.transition[path[:-1], path[1:]]])
     impossible = np.flatnonzero(shares <= 0.0)
     if impossible.size:
@@ -144,7 +145,7 @@ def _log_probability(path: np.ndarray, world: HiddenMarkovModel) -> float:
 
 
 def _calibrated(log_likelihood: Callable[[Array], float], family: SensorFamily) -> CalibratedSensor:
-    """The maximum of a likelihood within a family's bounds, with its profile and curvature."""
+    """Return the maximum of a likelihood within a family's bounds, with its profile and curvature."""
 
     known: dict[bytes, float] = {}
 
@@ -180,7 +181,7 @@ def _nothing(family: SensorFamily, grids: Array, middle: Array, status: Likeliho
 
 
 def _maximum(bounded: Callable[[Array], float], family: SensorFamily, grids: Array) -> Array:
-    """The parameters (K,) of the largest likelihood: one by a scan and Brent's method, several by descent from some starts."""
+    """Return the parameters (K,) of largest likelihood: one by a scan and Brent's method, several by multistart descent."""
     low, high = family.bounds.T
     if len(family) == 1:
         values = np.array([bounded(np.array([each])) for each in grids[0]])
@@ -198,7 +199,7 @@ def _maximum(bounded: Callable[[Array], float], family: SensorFamily, grids: Arr
 
 
 def _climbed(bounded: Callable[[Array], float], start: Array, bounds: Array, held: int | None = None) -> Array:
-    """A local maximum from a start, with one parameter held where it is asked for."""
+    """Return a local maximum from a start; one parameter may be held fixed."""
     free = np.array([k for k in range(len(start)) if k != held])
     width = (bounds[:, 1] - bounds[:, 0])[free]
 
@@ -223,7 +224,7 @@ def _climbed(bounded: Callable[[Array], float], start: Array, bounds: Array, hel
 def _profiles(
     bounded: Callable[[Array], float], family: SensorFamily, grids: Array, best: Array, top: float
 ) -> tuple[Array, Array]:
-    """Values of each parameter, the best one among them, with the largest likelihood over the others, each (K,G+1)."""
+    """Return the profile: values of each parameter, and the largest likelihood over the others, each (K,G+1)."""
     grid, profile = np.empty((len(best), _POINTS + 1)), np.empty((len(best), _POINTS + 1))
     for k, values in enumerate(grids):
         order = np.argsort(np.abs(values - best[k]), kind="stable")
@@ -243,7 +244,7 @@ def _profiles(
 
 
 def _curvature(bounded: Callable[[Array], float], best: Array, top: float, bounds: Array) -> Array:
-    """−∂² log L at the maximum, by differences over steps at which the likelihood falls by about half."""
+    """Return −∂² log L at the maximum, by differences over steps at which the likelihood falls by about half."""
     count, width = len(best), bounds[:, 1] - bounds[:, 0]
     steps = np.empty(count)
     for k in range(count):
@@ -274,13 +275,13 @@ def _curvature(bounded: Callable[[Array], float], best: Array, top: float, bound
 
 
 def _both(best: Array, k: int, step: float) -> tuple[Array, Array]:
-    """A point moved down and up along one parameter."""
+    """Return a point moved down and up along one parameter."""
     along = step * np.eye(len(best))[k]
     return best - along, best + along
 
 
 def _intervals(information: Array, best: Array, bounds: Array) -> Array:
-    """95 % intervals (K,2) within the bounds; the bounds where the likelihood is not concave."""
+    """Return 95 % intervals (K,2) within the bounds; the bounds where the likelihood is not concave."""
     width = bounds[:, 1] - bounds[:, 0]
     scaled = information * np.outer(width, width)
     values = np.linalg.eigvalsh(scaled)
@@ -291,7 +292,7 @@ def _intervals(information: Array, best: Array, bounds: Array) -> Array:
 
 
 def _status(profile: Array, grid: Array, top: float) -> LikelihoodStatus:
-    """The status that follows from the profiles (K,G)."""
+    """Return the status, from the profiles (K,G)."""
     if top - profile.min() <= tolerances.PARAMETER * max(abs(top), 1.0):
         return LikelihoodStatus.FLAT
     plausible = profile >= top - _DROP

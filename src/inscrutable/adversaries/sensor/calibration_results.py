@@ -11,7 +11,7 @@ from inscrutable.validation import Array
 
 @saved_choice
 class LikelihoodStatus(Enum):
-    """Whether decisions determine the parameters of a sensor; the text says what to do about it.
+    """Whether decisions identify the parameters of a sensor; the text says what to do.
 
     Example:
         >>> LikelihoodStatus.IDENTIFIED.value
@@ -44,7 +44,7 @@ class CalibratedSensor(Summarised, Saved):
         log_likelihoods: The profile of each parameter at `grid`, shape (K,G), natural logarithms; −inf where decisions are
             impossible.
         status: Whether the decisions determine the parameters.
-        grid: Values of each parameter, ascending, shape (K,G); θ̂ is among them.
+        grid: Values of each parameter, ascending, shape (K,G), θ̂ included.
         names: Of the parameters.
         information: H, shape (K,K).
 
@@ -89,14 +89,14 @@ class CalibratedSensor(Summarised, Saved):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ProbeRanking(Summarised, Saved):
-    """Fisher information about a sensor's parameters under probes, sequences of states.
+    """Fisher information about a sensor's parameters under each of several probes (sequences of states).
 
     Args:
         information: Fisher information of each probe, shape (N,K,K).
         bounds: Cramér–Rao bounds: least standard deviations of unbiased estimates, shape (N,K); infinite where decisions carry
         no information.
-        best: The number of the probe with the least sum of variances, each in units of its parameter's range.
-        is_exact: Whether all sequences of decisions were summed over; else they were drawn.
+        best: Index of the probe with the least sum of variances, each in units of its parameter's range.
+        is_exact: Whether the sum is over all sequences of decisions; else over a sample.
         names: Of the parameters.
 
     Source: Krishnamurthy, Rangaswamy, arXiv 1905.07230, Section IV; the bound is Cramér's and Rao's.

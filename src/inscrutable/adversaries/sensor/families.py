@@ -22,12 +22,12 @@ class SensorFamily:
     """Sensors with K parameters, each in an interval.
 
     Args:
-        make: (θ_1, …, θ_K) -> `Emission`, or a `LinearGaussianWorld` with that sensor, called with K numbers.
+        make: Function of K numbers θ_1, …, θ_K that returns an `Emission`, or a `LinearGaussianWorld` with that sensor.
         bounds: Least and greatest value of each, shape (K,2), finite.
-        names: Of the parameters, in messages and pictures.
+        names: Names of the parameters, for messages and plots.
 
     Raises:
-        InputError: Bounds are no intervals, or of another number than names.
+        InputError: Bounds are not ascending intervals, or their number differs from that of the names.
 
     Example:
         >>> SensorFamily.accuracy(2)(0.75).probabilities.tolist()
@@ -64,10 +64,10 @@ class SensorFamily:
 
     @classmethod
     def of(cls, given: Any) -> SensorFamily:
-        """Return a family, or that of a function of probabilities: each of its arguments is then between 0 and 1.
+        """Return a family as it is, or make one from a function whose arguments are probabilities between 0 and 1.
 
         Raises:
-            InputError: It is no function, or takes no arguments.
+            InputError: `given` is not a function, or takes no arguments.
         """
         if isinstance(given, cls):
             return given
@@ -83,7 +83,7 @@ class SensorFamily:
 
     @classmethod
     def accuracy(cls, n_states: int) -> SensorFamily:
-        """Return the sensors that name the state with probability p, and each other one equally often otherwise."""
+        """Return the sensors that report the true state with probability p and every other state equally often otherwise."""
         count = validation.count(n_states, "n_states", least=2)
 
         def make(p: float) -> CategoricalEmission:
@@ -93,7 +93,7 @@ class SensorFamily:
 
     @classmethod
     def confusion(cls, n_states: int, n_symbols: int) -> SensorFamily:
-        """Return all sensors of Y symbols, by X·(Y−1) shares: an entry is a share of its row's remaining probability."""
+        """Return all sensors of Y symbols, with X·(Y−1) parameters: an entry as a share of its row's remaining probability."""
         rows, columns = validation.count(n_states, "n_states"), validation.count(n_symbols, "n_symbols", least=2)
 
         def make(*shares: float) -> CategoricalEmission:

@@ -1,4 +1,4 @@
-"""The sensor that explains steps of a filter, with what it rests on."""
+"""The sensor fitted to steps of a filter, with its accuracy."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from inscrutable.errors import InputError
 from inscrutable.validation import Array
 
 QUANTILE = 1.959963984540054
-"""Of the standard normal law, for 95 % intervals."""
+"""Quantile of the standard normal law for 95 % intervals."""
 
 _SEPARATED = 3.0
-"""The symbol of a step is certain where the next one is this many times as far off."""
+"""A step's symbol is certain where the second nearest column is this many times as far off."""
 
 _DOUBTFUL = 0.05
 """Share of doubtful steps from which symbols count as overlapping."""
 
 _DROWNED = 0.5
-"""Noise, as a share of what symbols change in beliefs, from which they count as overlapping."""
+"""Noise, relative to the differences between symbols' beliefs, from which symbols count as overlapping."""
 
 _EXCESS = 6.0
-"""Sums of rows this many standard deviations off one are not the noise's."""
+"""Row sums this many standard deviations from one are not explained by noise."""
 
 
 class SensorFit(NamedTuple):
-    """A sensor with what it rests on.
+    """A fitted sensor with its accuracy.
 
     Args:
         probabilities: Shape (X,Y).
         intervals: Shape (X,Y,2).
         groups: The steps by symbol.
-        status: Whether they determine the sensor.
+        status: Whether the steps determine the sensor.
         residual: Largest distance of a belief from the filter's.
         noise: Standard deviation of a belief's coordinate.
-        n_unseen: How many of the last columns stand for symbols that were never seen.
+        n_unseen: Number of last columns that belong to symbols never observed.
     """
 
     probabilities: Array
@@ -61,13 +61,13 @@ def square(transition: Array) -> Array:
 
 
 def nothing_known(n_states: int, n_symbols: int, symbols: np.ndarray, status: SensorStatus) -> EstimatedSensor:
-    """Return the sensor that says nothing, with intervals that exclude nothing."""
+    """Return the uninformative sensor, with intervals [0, 1]."""
     even = np.full((n_states, n_symbols), 1.0 / n_symbols)
     return EstimatedSensor(even, symbols, 0.0, status, np.tile([0.0, 1.0], (n_states, n_symbols, 1)))
 
 
 def fitted(steps: FilterSteps, n_symbols: int | None, groups: Groups | None = None) -> SensorFit:
-    """Return the sensor that explains steps, which may be grouped already, every symbol with a step at least."""
+    """Return the sensor fitted to steps, which may be grouped already, with at least one step per symbol."""
     found = _in_order(grouped(steps, n_symbols)) if groups is None else groups
     if groups is None and n_symbols is None:
         found = _without_jumps(steps, found)
@@ -97,7 +97,7 @@ def _noise(groups: Groups, n_states: int) -> float:
 
 
 def _without_jumps(steps: FilterSteps, groups: Groups) -> Groups:
-    """Groups without those of a single step, where the others' columns leave them no probability: no filter takes it."""
+    """Drop groups of a single step for which the other columns leave no probability: no filter makes such a step."""
     counts = np.bincount(groups.symbols[groups.symbols >= 0], minlength=len(groups.columns))
     often = np.flatnonzero(counts > 1)
     if not 0 < len(often) < len(counts):
@@ -111,7 +111,7 @@ def _without_jumps(steps: FilterSteps, groups: Groups) -> Groups:
 
 
 def _in_order(groups: Groups) -> Groups:
-    """Groups whose symbols are numbered as they come up; columns that no step goes by, or that are one column twice, go."""
+    """Number symbols in order of appearance; drop duplicate columns and columns without steps."""
     kept: list[int] = []
     target = {}
     for symbol in dict.fromkeys(groups.symbols[groups.symbols >= 0].tolist()):
@@ -127,7 +127,7 @@ def _in_order(groups: Groups) -> Groups:
 
 
 def _filled(columns: Array, errors: Array, scales: Scales, n_unseen: int) -> tuple[Array, Array]:
-    """The sensor (X,Y) with what is lacking shared among the unseen symbols, and standard deviations of its entries."""
+    """Return the sensor (X,Y), the missing probability shared among unseen symbols, and its standard deviations."""
     sensor = (columns * scales.factors[:, None]).T
     spread = np.hypot(columns * scales.spread[:, None], errors * scales.factors[:, None]).T
     if n_unseen:
@@ -155,7 +155,7 @@ def _status(
 
 
 def _doubtful(steps: FilterSteps, groups: Groups) -> float:
-    """Share of the steps that another symbol explains nearly as well."""
+    """Return the share of steps that another symbol explains nearly as well."""
     if len(groups.columns) < 2:
         return 0.0
     least, second = np.sort(steps.misses(groups.columns), axis=1)[:, :2].T
@@ -163,7 +163,7 @@ def _doubtful(steps: FilterSteps, groups: Groups) -> float:
 
 
 def _drowned(steps: FilterSteps, noise: float) -> bool:
-    """Whether the noise is about as large as what symbols change in beliefs."""
+    """Whether the noise is about as large as the differences between symbols' beliefs."""
     changes = float(np.sqrt(np.mean((steps.held - steps.predicted) ** 2)))
     return noise > _DROWNED * changes
 
@@ -186,12 +186,12 @@ def spanned(tables: Sequence[Array]) -> Array:
 
 
 def _resampled(steps: FilterSteps, fit: SensorFit, some: np.ndarray) -> SensorFit:
-    """The fit of some of the steps, a step perhaps several times; symbols that are not among them are left out."""
+    """Return the fit of a resample of the steps; symbols without steps are left out."""
     return fitted(steps.of(some), None, regrouped(steps.of(some), fit.groups.symbols[some], fit.groups.columns))
 
 
 def regrouped(steps: FilterSteps, symbols: np.ndarray, columns: Array) -> Groups:
-    """Return steps whose symbols are known, with the columns that explain them best, from first ones (Y,X)."""
+    """Return steps with known symbols and their fitted columns, starting from first columns (Y,X)."""
     present, places = np.unique(symbols, return_inverse=True)
     found = np.array([moved(steps.of(places == j), columns[y]) for j, y in enumerate(present)])
     return Groups(found, places, steps.misses(found)[np.arange(len(places)), places])

@@ -1,8 +1,8 @@
-"""Which steps of a filter have the same symbol: clusters of the directions of the sensor's columns.
+"""Clusters of a filter's steps by symbol, from the directions of the sensor's columns.
 
-Spherical k-means on the null vectors gives each step the weight of every other. The distance here is that between the belief
-held and the one to which a column would have led, in standard deviations: the errors of beliefs are then alike, those of
-null vectors are not. A column is moved by Gauss-Newton steps in its logarithm, which keep it positive, and its zeros.
+Spherical k-means on the null vectors would weigh all steps equally. The distance used here is that between the observed belief
+and the one to which a column leads, in standard deviations: errors of beliefs have equal variance, errors of null vectors do
+not. Gauss-Newton steps in a column's logarithm update it; they keep it nonnegative and keep its zeros.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from inscrutable.adversaries.sensor.steps import FilterSteps
 from inscrutable.validation import Array
 
 _MOST_JOINED = 1_000
-"""Steps whose directions are joined pair by pair for a start: those known most exactly; time and memory go with the square."""
+"""Most steps in the initial hierarchical clustering, the most exact ones; time and memory grow with the square."""
 
 _SPARE_GROUPS = 4
-"""Groups more than symbols that a start may have, of which the largest are kept: steps that no filter makes then stay alone."""
+"""Groups beyond the number of symbols in a start: outlying steps form groups of their own, which are dropped."""
 
 _ROUNDS, _MOVES = 60, 12
 """Rounds of assigning steps and moving columns at most, and Gauss-Newton steps of a column in each."""
 
 _OUTLYING = 30.0
-"""A step this many times further off than the median is no step of the filter: a Gaussian error is never so large."""
+"""A step this many times further off than the median is an outlier: no Gaussian error is so large."""
 
 
 class Groups(NamedTuple):
@@ -49,7 +49,7 @@ class Groups(NamedTuple):
 
 
 def grouped(steps: FilterSteps, n_symbols: int | None) -> Groups:
-    """Return the steps by symbol; their number is found where it is not given."""
+    """Return the steps by symbol; the number of symbols is estimated where it is not given."""
     distinct = _tree(steps)
     if n_symbols is not None:
         return _grouped(steps, *distinct, n_symbols)
@@ -65,7 +65,7 @@ def grouped(steps: FilterSteps, n_symbols: int | None) -> Groups:
 
 
 def assigned(steps: FilterSteps, columns: Array) -> Groups:
-    """Return the steps by the nearest of given columns, which are then moved, and the outlying steps."""
+    """Assign the steps to the nearest of given columns, refit these, and mark the outlying steps."""
     symbols = np.full(len(steps.numbers), -1)
     for _ in range(_ROUNDS):
         misses = steps.misses(columns)
@@ -78,7 +78,7 @@ def assigned(steps: FilterSteps, columns: Array) -> Groups:
 
 
 def without_outlying(steps: FilterSteps, groups: Groups) -> Groups:
-    """Return groups without the steps that no column explains, which must not move one either."""
+    """Return groups without the steps that no column explains, so that these do not affect the fit."""
     far = _far(groups.misses)
     if not far.any():
         return groups
@@ -95,7 +95,7 @@ def _far(misses: Array) -> np.ndarray:
 
 
 def moved(steps: FilterSteps, column: Array) -> Array:
-    """Return the column (X,) that explains the steps best, from a first one; where there are none, that one."""
+    """Return the column (X,) fitted to the steps, from a first one; the first one where there are no steps."""
     if not len(steps.numbers):
         return column
     for _ in range(_MOVES):
@@ -125,13 +125,13 @@ def column_errors(steps: FilterSteps, groups: Groups) -> Array:
 
 
 def _slopes(steps: FilterSteps, shown: Array) -> Array:
-    """How the beliefs shown (K,X) move with the logarithm of the column, weighted, shape (K,X,X)."""
+    """Return the weighted derivatives of the fitted beliefs (K,X) by the logarithm of the column, shape (K,X,X)."""
     slopes = shown[:, :, None] * (np.eye(shown.shape[1]) - shown[:, None, :])
     return np.asarray(np.sqrt(steps.weights)[:, None, None] * slopes)
 
 
 def _tree(steps: FilterSteps) -> tuple[Array, np.ndarray]:
-    """The directions known most exactly, and how they join, pair by pair."""
+    """Return the most exact directions and their hierarchical clustering."""
     directions = steps.directions()
     spread = np.linalg.norm(
         directions * np.hypot(1.0 / steps.predicted, 1.0 / np.maximum(steps.held, tolerances.SAME_BELIEF)), axis=1
@@ -142,7 +142,7 @@ def _tree(steps: FilterSteps) -> tuple[Array, np.ndarray]:
 
 
 def _grouped(steps: FilterSteps, directions: Array, tree: np.ndarray, count: int) -> Groups:
-    """The best of several starts: the tree cut into the groups asked for and some more, of which the largest are kept."""
+    """Return the best of several starts: the clustering cut into the groups asked for and some more; the largest are kept."""
     best: Groups | None = None
     for spare in range(_SPARE_GROUPS):
         labels = fcluster(tree, count + spare, "maxclust") if len(tree) else np.ones(len(directions), dtype=int)

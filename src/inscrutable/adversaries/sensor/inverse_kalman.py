@@ -1,4 +1,4 @@
-"""The inverse Kalman filter: an observer's law of an agent's estimate, given linear observations of that estimate."""
+"""The inverse Kalman filter: the law of an agent's estimate given linear observations of it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class LinearView:
 
     Args:
         matrix: H, shape (q,n).
-        noise: E, shape (q,q), no negative eigenvalue; None: nothing blurs it.
+        noise: E, shape (q,q), positive semidefinite; None: no noise.
 
     Raises:
         InputError: Shapes disagree, or a number is not finite.
@@ -46,14 +46,14 @@ class LinearView:
 def inverse_kalman_filter(
     world: LinearGaussianWorld, seen: ArrayLike, view: LinearView | None = None, *, states: ArrayLike | None = None
 ) -> KalmanResult:
-    """Return an observer's law of an agent's estimates m_t, from its observations of them up to each step.
+    """Return the law of an agent's estimates m_t, given an observer's observations of them up to each step.
 
     Formula: m_{t+1} = (I − K C) A m_t + K C x_{t+1} + K v_{t+1}, the agent's Kalman filter with its known gain K_{t+1}.
 
-    Where the states are known, they are an input, and m is a linear Gaussian state; where they are not, (x, m) is one.
+    Where the observer knows the states, they are an input and m is a linear Gaussian state; otherwise (x, m) is the state.
 
     Args:
-        world: The agent's world, with nothing public.
+        world: The agent's world, without a public sensor.
         seen: H m_t + e_t, shape (T,q), or (T,) where q is 1; NaN is missing.
         view: H and the law of e; None: the estimates themselves.
         states: x_0..x_{T−1}, shape (T,n), or (T,) where n is 1, where the observer knows them.
@@ -63,7 +63,7 @@ def inverse_kalman_filter(
         Its log-likelihood is the density of the observations, given the states where known: the likelihood of a sensor.
 
     Raises:
-        InputError: Shapes disagree, or the world has something public.
+        InputError: Shapes disagree, or the world has a public sensor.
         ModelError: The observations have no density: a column is known without noise from the others.
 
     Cost: O(T n³).
@@ -104,7 +104,7 @@ def _rows(given: Any, n_columns: int, name: str) -> Array:
 
 
 def _gains(world: LinearGaussianWorld, n_steps: int) -> Array:
-    """K_t of every step, shape (T,n,p): they depend on no observation."""
+    """Return K_t of every step, shape (T,n,p); the gains do not depend on the observations."""
     nothing = np.zeros((n_steps, world.sensor.shape[-2]))
     later = kalman_filter(world, nothing).covariances
     found = []
@@ -127,7 +127,7 @@ def _moves(world: LinearGaussianWorld, gains: Array) -> Array:
 
 
 def _drift(world: LinearGaussianWorld, gains: Array, path: Array) -> Array:
-    """What the estimates would be if the sensor reported C x_t without noise, shape (T,n)."""
+    """Return the estimates under a noiseless sensor C x_t, shape (T,n)."""
     moves, mean = _moves(world, gains), world.initial.mean
     found = [mean + gains[0] @ at(world.sensor, 0) @ (path[0] - mean)]
     for t in range(1, len(path)):

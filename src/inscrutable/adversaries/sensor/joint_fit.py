@@ -1,4 +1,4 @@
-"""Transition and columns of the sensor together: those that explain the beliefs best, by Gauss-Newton steps."""
+"""Joint least-squares fit of transition and sensor columns to beliefs, by Gauss-Newton steps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _STEPS = 60
 
 
 def jointly(before: Array, held: Array, symbols: np.ndarray, transition: Array, columns: Array) -> tuple[Array, Array]:
-    """Return transition (X,X) and columns (Y,X) that lead from beliefs to the next with the least square error, weighted.
+    """Return the transition (X,X) and columns (Y,X) of least weighted squared error in the steps between beliefs.
 
     Formula: min Σ_k w_k ‖π_k − diag(b_y)P'π_{k−1} / 1'diag(b_y)P'π_{k−1}‖² over log P and log b, from a first guess.
     """
@@ -50,14 +50,14 @@ def jointly(before: Array, held: Array, symbols: np.ndarray, transition: Array, 
 def _linearised(
     before: Array, held: Array, symbols: np.ndarray, transition: Array, columns: Array
 ) -> tuple[Array, Array]:
-    """Weighted misses (K·X,), and how the beliefs shown move with log P and log b, (K·X, X² + Y·X)."""
+    """Return weighted residuals (K·X,) and their derivatives by log P and log b, (K·X, X² + Y·X)."""
     count, n_states = before.shape
     predicted = before @ transition
     joint = predicted * columns[symbols]
     shown = joint / joint.sum(axis=1, keepdims=True)
     roots = np.sqrt(filter_weights(predicted, held, transition))
     slopes = roots[:, None, None] * shown[:, :, None] * (np.eye(n_states) - shown[:, None, :])
-    # Predicted is linear in P; a row of P moves with its logarithm along P_i (e_j − P_i).
+    # The prediction is linear in P; the derivative of row P_i by log P_ij is P_ij (e_j − P_i).
     moves = before[:, :, None] * transition  # (K,i,j)
     of_rows = slopes / np.maximum(predicted, tolerances.TINY)[:, None, :]  # (K,x,j)
     through = of_rows[:, :, None, :] * moves[:, None]  # (K,x,i,j)

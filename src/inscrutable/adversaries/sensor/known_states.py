@@ -1,6 +1,7 @@
 """The likelihood of decisions under known states, for many sequences at once: the inverse filter without the law of the state.
 
-α_{t+1}(b') ∝ K(u_{t+1}|π_b') Σ_b S_x[b,b'] α_t(b) with S_x = Σ_y B[x,y] W_y for the state x = x_{t+1}: one small matrix a step.
+α_{t+1}(b') ∝ K(u_{t+1}|π_b') Σ_b S_x[b,b'] α_t(b) with S_x = Σ_y B[x,y] W_y for the state x = x_{t+1}: one small matrix per
+step.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
 
 _DENSE = 700
-"""Beliefs up to which a step is made with a plain matrix."""
+"""Most beliefs for which a step uses a dense matrix."""
 
 
 class KnownStates:
@@ -32,7 +33,7 @@ class KnownStates:
 
     Args:
         world: The agent's world, with a sensor of symbols and nothing public.
-        mechanism: What it plays.
+        mechanism: The agent's mechanism.
     """
 
     def __init__(self, world: HiddenMarkovModel, mechanism: Mechanism) -> None:
@@ -89,7 +90,7 @@ def _column(table: Any, column: int) -> Array:
 
 
 def is_simple(mechanism: Any, world: HiddenMarkovModel) -> bool:
-    """Whether decisions go by the present belief alone, and beliefs by symbols that are private."""
+    """Whether decisions depend on the present belief alone, and beliefs on private symbols alone."""
     return (
         isinstance(mechanism, Mechanism)
         and isinstance(world.emission, CategoricalEmission)

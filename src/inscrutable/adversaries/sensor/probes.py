@@ -1,4 +1,4 @@
-"""The sequences of states after which decisions have the most Fisher information about the agent's sensor."""
+"""Sequences of states (probes) ranked by the Fisher information of the decisions about the agent's sensor."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from inscrutable.worlds import HiddenMarkovModel
 from inscrutable.worlds.observations import symbols
 
 _MOST_SUMMED = 4_096
-"""Sequences of decisions that are all summed over, rather than drawn."""
+"""Most sequences of decisions that are enumerated; beyond, they are sampled."""
 
 
 def best_probe(
@@ -33,7 +33,7 @@ def best_probe(
     n_draws: int = 500,
     rng: np.random.Generator | None = None,
 ) -> ProbeRanking:
-    """Return the Fisher information about a sensor's parameters under each of some sequences of states, and the best one.
+    """Return the Fisher information about a sensor's parameters under each sequence of states, and the best sequence.
 
     Formula: I(θ) = E_u[∇ log Pr_θ(u|x) ∇ log Pr_θ(u|x)'] under the states x of the probe; Cramér–Rao: sd(θ̂_k) ≥ √(I⁻¹)_kk.
 
@@ -42,7 +42,7 @@ def best_probe(
         mechanism: As in `calibrate_sensor`; it must depend on the present belief alone.
         family: As in `calibrate_sensor`, of sensors that report symbols.
         world: The agent's world.
-        parameters: θ at which they are compared, shape (K,), inside the family's bounds.
+        parameters: θ at which the probes are compared, shape (K,), inside the family's bounds.
         n_draws: Sequences of decisions drawn for each probe where there are more than 4,096 possible ones.
         rng: The source of the draws, needed in that case.
 
@@ -52,7 +52,7 @@ def best_probe(
     Raises:
         InputError: A probe has states out of range, the mechanism has a memory, or `parameters` are not inside the bounds.
 
-    Cost: 2K+1 runs of the inverse filter with known states a probe, all sequences of decisions at once.
+    Cost: 2K+1 runs of the inverse filter with known states per probe, for all sequences of decisions at once.
 
     Source: Krishnamurthy, Rangaswamy, arXiv 1905.07230, Section IV.
 
@@ -104,7 +104,7 @@ def _known(mechanism: KnownMechanism, world: HiddenMarkovModel) -> KnownStates:
 def _decisions(
     known: KnownStates, path: np.ndarray, n_draws: int, rng: np.random.Generator | None
 ) -> tuple[np.ndarray, bool]:
-    """Sequences of decisions by number (T,D), and whether they are all that are possible."""
+    """Return sequences of decisions by number (T,D), and whether they are all possible ones."""
     played = np.unique(known.mechanism.sparse.nonzero()[1])
     if len(played) ** len(path) <= _MOST_SUMMED:
         return np.array(list(product(played, repeat=len(path))), dtype=np.intp).T, True
@@ -112,14 +112,14 @@ def _decisions(
 
 
 def _information(logs: Array, chances: Array, steps: Array) -> Array:
-    """Mean outer product of the slopes of log-likelihoods (1+2K,D); impossible sequences count for nothing."""
+    """Return the mean outer product of the scores, from log-likelihoods (1+2K,D); impossible sequences have weight 0."""
     some = np.isfinite(logs).all(axis=0) & (chances > 0)
     slopes = (logs[2::2, some] - logs[1::2, some]) / (2.0 * steps[:, None])
     return np.asarray((slopes * chances[some]) @ slopes.T)
 
 
 def _bounds(information: Array) -> Array:
-    """Least standard deviations; infinite where decisions carry no information about a parameter, or a mixture with it."""
+    """Return the Cramér–Rao bounds; infinite where decisions do not identify a parameter."""
     values = np.linalg.eigvalsh(information)
     if not values[0] > tolerances.CURVATURE * max(values[-1], tolerances.TINY):
         return np.full(len(information), np.inf)

@@ -14,7 +14,7 @@ from inscrutable.worlds import HiddenMarkovModel
 
 @saved_choice
 class SensorStatus(Enum):
-    """Whether the data determine the sensor; the text says what to do about it.
+    """Whether the data identify the sensor; the text says what to do.
 
     Example:
         >>> SensorStatus.IDENTIFIED.value
@@ -54,7 +54,7 @@ class SensorStatus(Enum):
 
 
 class _Answer(Summarised, Saved):
-    """An estimate, and whether the data determine it."""
+    """An estimate and its status."""
 
     status: SensorStatus
 
@@ -71,9 +71,9 @@ class EstimatedSensor(_Answer):
     Formula: π_k = diag(b_y) P'π_{k−1} / 1'diag(b_y) P'π_{k−1} with b_y the column `probabilities[:, y]`.
 
     Args:
-        probabilities: The sensor, shape (X,Y), rows that sum to one; symbols are numbered as they come up.
-        symbols: The symbol of each step from a belief to the next, shape (T−1,); −1 where none explains the step, or it was not
-            used.
+        probabilities: The sensor, shape (X,Y), rows that sum to one; symbols are numbered in order of appearance.
+        symbols: The symbol of each step from a belief to the next, shape (T−1,); −1 where no symbol explains the step or the
+            step was not used.
         residual: Largest Euclidean distance of a belief from the filter's update of the belief before it.
         status: Whether the data determine the sensor.
         intervals: 95 % intervals of each entry, shape (X,Y,2).
@@ -106,11 +106,11 @@ class EstimatedWorld(_Answer):
     """The transition and sensor of a filter, estimated from its beliefs alone.
 
     Args:
-        world: Transition and sensor; symbols have the names that were given, else they are numbered as they come up.
+        world: Transition and sensor; symbols have the given names, else they are numbered in order of appearance.
         symbols: The symbol of each step from a belief to the next, shape (T−1,); −1 where none explains the step.
         residual: Largest Euclidean distance of a belief from the filter's update of the belief before it.
-        status: Whether the data determine the world; `SCALES_BY_FREQUENCY` is about the sensor alone.
-        transition_intervals: 95 % intervals by bootstrap, shape (X,X,2); of no width where none was asked for.
+        status: Whether the data determine the world; `SCALES_BY_FREQUENCY` concerns the sensor alone.
+        transition_intervals: 95 % bootstrap intervals, shape (X,X,2); of zero width without a bootstrap.
         sensor_intervals: The same of the sensor, (X,Y,2), which frequencies give in any case.
 
     Source: Mattila, Rojas, Krishnamurthy, Wahlberg, Inverse Filtering for Hidden Markov Models with Applications to
@@ -149,6 +149,6 @@ class EstimatedWorld(_Answer):
 
 
 def _counted(symbols: np.ndarray) -> str:
-    """How many steps have a symbol."""
+    """Return the number of steps with a symbol, as text."""
     used = int((symbols >= 0).sum())
     return f"{used} of {len(symbols)} have a symbol"

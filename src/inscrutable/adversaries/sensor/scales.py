@@ -1,8 +1,8 @@
-"""Scales of a sensor's columns of known directions, from row sums of one and the frequencies of symbols.
+"""Scales of a sensor's columns, whose directions are known, from row sums of one and the frequencies of symbols.
 
 The directions d_y leave scales s_y with Σ_y s_y d_y = 1. Given the beliefs, the symbols' likelihood is Π_k s_{y_k}
-d_{y_k}'m_k, so that the scales maximise Σ_y n_y log s_y under these equations: a concave programme with a unique answer,
-whatever their number.
+d_{y_k}'m_k, so that the scales maximise Σ_y n_y log s_y under these equations: a concave programme with a unique solution for
+any number of symbols.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from inscrutable.validation import Array
 _NEWTON_STEPS = 200
 
 _UNSEEN = 0.5
-"""How often a symbol counts as seen that never was: half a time, as in Jeffreys' prior."""
+"""Pseudo-count of a symbol that was never observed, as in Jeffreys' prior."""
 
 _KEPT = 0.9
-"""Share of the way to zero that a scale may go in one step."""
+"""Largest share of a scale by which one step may reduce it."""
 
 
 class Scales(NamedTuple):
@@ -28,10 +28,10 @@ class Scales(NamedTuple):
 
     Args:
         factors: Shape (Y,).
-        spread: Their standard deviations, shape (Y,): of the symbols' frequencies, and of the directions' errors.
+        spread: Their standard deviations, shape (Y,), from the symbols' frequencies and the directions' errors.
         rest: One minus the row sums, shape (X,): the probability of symbols that were never seen.
         is_determined: Whether the equations alone determine the factors.
-        excess: Largest distance of a row's sum from one, in units of what the directions' errors explain.
+        excess: Largest distance of a row's sum from one, in standard deviations of the directions' errors.
     """
 
     factors: Array
@@ -48,7 +48,7 @@ def scaled(columns: Array, counts: np.ndarray, errors: Array, *, has_unseen: boo
         columns: Largest entry one.
         counts: n_y, above 0.
         errors: Standard deviation of each entry of `columns`, shape (Y,X).
-        has_unseen: Whether other symbols may make up what the rows lack.
+        has_unseen: Whether unobserved symbols may have the probability that the rows lack.
     """
     n_symbols, n_states = columns.shape
     system, seen = columns.T, counts.astype(np.float64)
@@ -91,7 +91,7 @@ def _likeliest(system: Array, counts: Array, errors: Array) -> tuple[Array, Arra
     for _ in range(_NEWTON_STEPS):
         stacked = np.vstack([rows, np.diag(roots / factors)])
         wanted = np.concatenate([(1.0 - system @ factors) / errors, roots])
-        # Columns in units of the factors: a rare symbol's is as well resolved as a common one's.
+        # Columns in units of the factors: rare and common symbols have the same relative accuracy.
         step = np.linalg.lstsq(stacked * factors, wanted, rcond=None)[0]
         fall = float(-step.min())
         share = 1.0 if fall < _KEPT else _KEPT / fall

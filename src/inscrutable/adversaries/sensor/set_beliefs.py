@@ -1,9 +1,9 @@
-"""The sensor behind sets of beliefs, such as those that explain decisions, where some are points and others are not.
+"""Estimate a sensor from sets of beliefs, such as those that explain decisions; some sets are points.
 
-A set must not be replaced by its centre or its point of least norm: the step to it would be none of the filter's. Where steps
-between points determine the sensor, they are used alone, and sets only test whether a step of the filter leads into them. Where
-they do not, members are sought that make all steps those of one filter, from many starts: entries on which the answers agree
-are identified, the others are not.
+A set must not be replaced by its centre or its point of least norm: no step of the filter leads there. Where steps between
+points determine the sensor, only these are used, and larger sets test whether a step of the filter leads into them. Otherwise a
+multistart search finds members for which all steps are steps of one filter: entries on which the results agree are identified,
+the others are not.
 """
 
 from __future__ import annotations
@@ -22,16 +22,15 @@ from inscrutable.geometry import BeliefSet
 from inscrutable.validation import Array
 
 _STARTS, _ROUNDS, _TRIED = 8, 6, 250
-"""Starts of members drawn at random, rounds of fitting a sensor to them and moving them to where it leads, and sensors tried
-around the last one."""
+"""Random starts; rounds of fitting a sensor and projecting the filter's beliefs to the sets; sensors tried at the end."""
 
 _SEED = 3
 _AS_GOOD = 10.0
-"""Answers count whose residual is at most this many times the best one's."""
+"""Results count if their residual is at most this many times the best."""
 
 
 def sensor_of_sets(sets: Sequence[BeliefSet], transition: Array, n_symbols: int | None) -> EstimatedSensor:
-    """Return the sensor behind sets that hold the beliefs of a filter, one a step."""
+    """Return the sensor estimated from sets that contain the beliefs of a filter, one set per step."""
     n_states = len(transition)
     corners = [_corners(k, each, n_states) for k, each in enumerate(sets)]
     is_point = np.array([np.ptp(each, axis=0).max() <= tolerances.ROUGH_DISTANCE for each in corners])
@@ -53,7 +52,7 @@ def sensor_of_sets(sets: Sequence[BeliefSet], transition: Array, n_symbols: int 
 
 
 def _corners(number: int, found: BeliefSet, n_states: int) -> Array:
-    """Corners of a set that is not empty."""
+    """Return the corners of a set, or raise `InputError` where it is empty."""
     if found.n_states != n_states:
         raise InputError(f"beliefs[{number}] is over {found.n_states} states, transition has {n_states}")
     if found.is_empty:
@@ -64,7 +63,7 @@ def _corners(number: int, found: BeliefSet, n_states: int) -> Array:
 
 
 def _fit(beliefs: Array, transition: Array, n_symbols: int | None) -> SensorFit | None:
-    """The fit of all steps between known beliefs; None where there is no such step, or none that a filter makes."""
+    """Return the fit of all steps between known beliefs; None where there is no such step of a filter."""
     try:
         steps = filter_steps(beliefs[:-1], beliefs[1:], transition)
     except ModelError:
@@ -75,7 +74,7 @@ def _fit(beliefs: Array, transition: Array, n_symbols: int | None) -> SensorFit 
 def _followed(
     points: Array, sets: Sequence[BeliefSet], corners: list[Array], sensor: Array, transition: Array
 ) -> tuple[Array, np.ndarray, Array]:
-    """Members (T,X) of the sets where a filter with a sensor leads nearest to them, the symbols, and the distances (T−1,)."""
+    """Return the members (T,X) of the sets nearest to the filter's beliefs, the symbols, and the distances (T−1,)."""
     held, symbols, apart = points.copy(), np.full(len(points) - 1, -1), np.zeros(len(points) - 1)
     for k in range(1, len(points)):
         before = held[k - 1]
@@ -93,7 +92,7 @@ def _followed(
 
 
 def _nearest(found: BeliefSet, corners: Array, belief: Array) -> Array:
-    """The member of a set nearest to a belief; of points and segments at once."""
+    """Return the member of a set nearest to a belief; directly for points and segments."""
     if len(corners) > 2:
         return found.nearest(belief)
     along = corners[-1] - corners[0]
@@ -105,7 +104,7 @@ def _nearest(found: BeliefSet, corners: Array, belief: Array) -> Array:
 def _searched(
     points: Array, sets: Sequence[BeliefSet], corners: list[Array], transition: Array, n_symbols: int | None
 ) -> EstimatedSensor:
-    """The sensor that makes one filter of members of all sets, with the range of those found from other starts."""
+    """Return a sensor for which members of all sets form one filter run, and the range over the starts."""
     rng = np.random.default_rng(_SEED)
     known = np.isfinite(points).all(axis=1)
     answers: list[tuple[float, Array, np.ndarray]] = []
@@ -141,7 +140,7 @@ def _searched(
 
 
 def _tried(follow: Callable[[Array], tuple[Array, float]], first: Array) -> None:
-    """Try sensors around a first one, downhill by the simplex method, until one explains all sets."""
+    """Search from a first sensor by the Nelder–Mead method until one explains all sets."""
 
     def sensor_at(logits: Array) -> Array:
         weights = np.exp(logits.reshape(first.shape) - logits.reshape(first.shape).max(axis=1, keepdims=True))
@@ -161,12 +160,12 @@ def _tried(follow: Callable[[Array], tuple[Array, float]], first: Array) -> None
 
 
 def _around(size: int) -> Array:
-    """Corners of a simplex around no step."""
+    """Return the corners of the initial Nelder–Mead simplex."""
     return np.vstack([np.zeros(size), 0.2 * np.eye(size)])
 
 
 def _renamed(sensor: Array, like: Array) -> Array:
-    """A sensor with its symbols in the order that makes it most like another."""
+    """Permute a sensor's symbols to match another sensor best."""
     apart = ((sensor[:, :, None] - like[:, None, :]) ** 2).sum(axis=0)
     rows, columns = linear_sum_assignment(apart)
     return np.asarray(sensor[:, rows[np.argsort(columns)]])

@@ -1,4 +1,4 @@
-"""Steps of a filter between observed beliefs: prediction, belief after it, and accuracy."""
+"""Steps of a filter between observed beliefs: predicted belief, updated belief, and accuracy."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class FilterSteps(NamedTuple):
     Args:
         predicted: P'π_{k−1}, shape (K,X).
         held: π_k, shape (K,X).
-        weights: Inverse variance of the residual of `held` after a sensor's column, in units of that of one belief, shape (K,).
-        numbers: k−1 of each step, shape (K,); steps that cannot be used are left out.
+        weights: Inverse variance of the residual of `held` given the column, in units of that of one belief, shape (K,).
+        numbers: k−1 of each step, shape (K,); unusable steps are left out.
     """
 
     predicted: Array
@@ -39,7 +39,7 @@ class FilterSteps(NamedTuple):
         return np.asarray(ratios / np.linalg.norm(ratios, axis=1, keepdims=True))
 
     def shown(self, columns: Array) -> Array:
-        """Return the beliefs (K,Y,X) to which each symbol's column (Y,X) would have led."""
+        """Return the updated beliefs (K,Y,X) under each symbol's column (Y,X)."""
         joint = self.predicted[:, None] * columns
         total = joint.sum(axis=2, keepdims=True)
         return np.asarray(np.divide(joint, total, out=np.zeros_like(joint), where=total > 0))
@@ -74,8 +74,10 @@ def filter_steps(before: Array, held: Array, transition: Array) -> FilterSteps:
 
 
 def filter_weights(predicted: Array, held: Array, transition: Array) -> Array:
-    """Return the inverse variances of π_k − T(π_{k−1}) where both beliefs have errors of variance one: that of the first
-    passes through the filter's derivative (diag π − ππ') diag(1/m) P'."""
+    """Return the inverse variances of π_k − T(π_{k−1}) where both beliefs have errors of variance one.
+
+    The derivative (diag π − ππ') diag(1/m) P' of the filter maps the error of π_{k−1}.
+    """
     slope = held[:, :, None] * (np.eye(held.shape[1]) - held[:, None, :]) / predicted[:, None, :]
     gain = slope @ transition.T
     return np.asarray(held.shape[1] / (held.shape[1] + (gain**2).sum(axis=(1, 2))))
@@ -85,7 +87,7 @@ def seen_beliefs(beliefs: ArrayLike, states: Axis, n_states: int | None = None) 
     """Return successive beliefs as (T,X) with T at least 2, aligned with the names of the states.
 
     Raises:
-        InputError: They are no beliefs, or fewer than two.
+        InputError: The rows are not beliefs, or fewer than two.
     """
     plain = validation.finite_array(beliefs, "beliefs", ndim=2, axes=(Axis("step", learns=True), states))
     held = validation.beliefs(plain, plain.shape[1] if n_states is None else n_states, "beliefs")
@@ -95,5 +97,5 @@ def seen_beliefs(beliefs: ArrayLike, states: Axis, n_states: int | None = None) 
 
 
 def symbol_count(value: int | None) -> int | None:
-    """Return a number of symbols, or None where it is to be found."""
+    """Return a number of symbols, or None where it is to be estimated."""
     return None if value is None else validation.count(value, "n_symbols")

@@ -1,8 +1,7 @@
-"""The transition behind the beliefs of a filter: linear equations of the steps with one symbol.
+"""Estimate the transition from the beliefs of a filter: linear equations of the steps with one symbol.
 
 With M = diag(b) P' every such step satisfies (π_{k−1}' ⊗ (π_k 1' − I)) vec(M) = 0. Rows of every M point along those of P',
-so that P' = diag(a) Q with known Q, and its columns sum to one: Q'a = 1. One symbol is thus enough for P, however many there
-are.
+so that P' = diag(a) Q with known Q, and its columns sum to one: Q'a = 1. The steps of one symbol are therefore enough for P.
 """
 
 from __future__ import annotations
@@ -13,10 +12,10 @@ from inscrutable import tolerances
 from inscrutable.validation import Array
 
 _BATCHES, _BATCH = 30, 400
-"""Small sets of steps tried at most. A set serves where one symbol made all its X+1 steps."""
+"""Most small sets of steps tried. A set is useful where one symbol made all its X+1 steps."""
 
 _KEPT = 8
-"""Sets that explain other steps best and are looked at in full, where noise leaves it open which is best."""
+"""Number of best sets that are evaluated in full, where noise leaves the best one uncertain."""
 
 
 def steps_needed(n_states: int) -> int:
@@ -38,7 +37,7 @@ def symbol_matrices(before: Array, held: Array) -> tuple[Array, Array]:
 
 
 def transitions_of(matrices: Array) -> Array:
-    """Return the transition (N,X,X) of each M, not necessarily of probabilities; 0 where M leaves it open."""
+    """Return the transition (N,X,X) of each M, whose entries may be no probabilities; 0 where M does not identify it."""
     n_states = matrices.shape[-1]
     sums = matrices.sum(axis=2, keepdims=True)
     rows = np.divide(matrices, sums, out=np.zeros_like(matrices), where=np.abs(sums) > tolerances.TINY)
@@ -51,7 +50,7 @@ def transitions_of(matrices: Array) -> Array:
 
 
 def of_symbols(before: Array, held: Array, symbols: np.ndarray) -> tuple[Array | None, float]:
-    """Return the transition by the symbol that determines it best, and how much; None where no symbol has enough steps."""
+    """Return the transition from the best-conditioned symbol, and that condition; None where no symbol has enough steps."""
     best: Array | None = None
     gap = 0.0
     for symbol in np.unique(symbols[symbols >= 0]):
@@ -60,7 +59,7 @@ def of_symbols(before: Array, held: Array, symbols: np.ndarray) -> tuple[Array |
             continue
         matrices, gaps = symbol_matrices(before[None, some], held[None, some])
         found = transitions_of(matrices)[0]
-        # Rounding moves M by itself over the gap, and P by that over its least singular value.
+        # Rounding changes M by rounding/gap, and P by that divided by its least singular value.
         told = float(gaps[0] * np.linalg.svd(found, compute_uv=False)[-1])
         if told > max(gap, tolerances.TRANSITION_TOLD):
             best, gap = found, told
@@ -68,10 +67,10 @@ def of_symbols(before: Array, held: Array, symbols: np.ndarray) -> tuple[Array |
 
 
 def proposed(before: Array, held: Array, n_symbols: int, rng: np.random.Generator) -> list[Array]:
-    """Return candidates of the transition where symbols are not known, the most promising first.
+    """Return candidates for the transition where symbols are not known, the most promising first.
 
-    Sets of X+1 steps near one another are drawn; the matrix of each is judged by how closely it explains the steps that it
-    explains best, as many as half of what a common symbol makes.
+    Sets of X+1 neighbouring steps are drawn. The score of a set's matrix is its error on the steps that it explains best, half
+    as many as a common symbol makes.
     """
     n_steps, n_states = before.shape
     needed = steps_needed(n_states)
@@ -100,7 +99,7 @@ def proposed(before: Array, held: Array, n_symbols: int, rng: np.random.Generato
 
 
 def _drawn(pairs: Array, needed: int, rng: np.random.Generator) -> np.ndarray:
-    """Sets of steps (N,needed): one at random, the others among its nearest neighbours, which often go by its symbol."""
+    """Draw sets of steps (N,needed): one at random, the others from its nearest neighbours, which often share its symbol."""
     n_steps = len(pairs)
     seeds = rng.integers(n_steps, size=_BATCH)
     order = np.argsort(((pairs[seeds, None] - pairs) ** 2).sum(axis=2), axis=1)
@@ -113,7 +112,7 @@ def _drawn(pairs: Array, needed: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def _misses(matrices: Array, before: Array, held: Array) -> Array:
-    """Distance (N,K) of each belief from what each matrix makes of the one before it."""
+    """Return the distance (N,K) of each belief from each matrix's update of the belief before it."""
     shown = np.einsum("nij,kj->nki", matrices, before)
     total = shown.sum(axis=2, keepdims=True)
     shown = np.divide(shown, total, out=np.zeros_like(shown), where=np.abs(total) > tolerances.TINY)

@@ -1,4 +1,4 @@
-"""The world behind the beliefs of a filter: transition and sensor, from beliefs alone."""
+"""Estimate a world (transition and sensor) from the beliefs of a filter alone."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
 from inscrutable.worlds.observations import symbols as checked_symbols
 
 _SEED = 0
-"""Of the small sets of steps that are tried where symbols are to be found: the same for the same beliefs."""
+"""Seed of the random small sets of steps: equal beliefs give equal results."""
 
 _ROUNDS = 5
 """Rounds of grouping steps and fitting transition and sensor to them."""
@@ -33,32 +33,31 @@ def estimate_world(
     n_bootstrap: int = 0,
     rng: np.random.Generator | None = None,
 ) -> EstimatedWorld:
-    """Return transition and sensor behind successive beliefs of a filter.
+    """Return the transition and sensor of a filter, estimated from its successive beliefs.
 
     Formula: M_y = diag(b_y) P' solves (π_{k−1}' ⊗ (π_k 1' − I)) vec(M_y) = 0 over the steps k whose symbol is y; P follows from
-    one M_y, because P' = diag(a) Q with its rows scaled to one in Q, and Q'a = 1. The sensor follows as in `estimate_sensor`.
+    one M_y: P' = diag(a) Q, where Q is M_y with rows scaled to one, and Q'a = 1. The sensor follows as in `estimate_sensor`.
 
     Args:
         beliefs: π_0, π_1, …, shape (T,X), T at least 2.
         n_symbols: Y, at least 1.
-        symbols: What the agent saw at each step, 0 to Y−1, where that is known: T−1 of them, or T, of which the first is not
-            used.
-            None: steps are grouped by small sets that explain other steps.
-        n_bootstrap: How many resamples of the steps give the intervals; 0: transition intervals are points.
-        rng: The source of the resamples, needed where there are any.
+        symbols: The agent's observation at each step, 0 to Y−1, where known: T−1 of them, or T, of which the first is not used.
+            None: the steps are clustered by symbol.
+        n_bootstrap: Number of bootstrap resamples of the steps for the intervals; 0: transition intervals have zero width.
+        rng: Source of the resamples, required if `n_bootstrap` is positive.
 
     Returns:
-        An `EstimatedWorld`, whose initial law is the stationary one, or even where that is not unique. With Y > X the
-        transition is determined, and the sensor up to the scales of its columns.
+        An `EstimatedWorld`. Its initial law is the stationary one, or uniform where that is not unique. With Y > X the data
+        identify the transition, and the sensor up to the scales of its columns.
 
     Raises:
-        InputError: Beliefs or symbols are malformed, or of lengths that do not fit.
+        InputError: Beliefs or symbols are malformed, or their lengths disagree.
 
-    Cost: one singular value decomposition of X² columns a symbol; some hundred small ones and a tree of at most 1,000 steps
-    where symbols are not known.
+    Cost: one singular value decomposition of X² columns per symbol. Unknown symbols add some hundred small decompositions and
+    one hierarchical clustering of at most 1,000 steps.
 
-    Source: Mattila, Rojas, Krishnamurthy, Wahlberg, arXiv 2001.11809, for the equations. The transition from one symbol, and
-    the grouping, are this package's.
+    Source: Mattila, Rojas, Krishnamurthy, Wahlberg, arXiv 2001.11809, for the equations. The transition from one symbol and the
+    clustering are new here.
 
     Example:
         >>> from inscrutable import CategoricalEmission, filter_beliefs
@@ -109,7 +108,7 @@ def _told(symbols: ArrayLike, count: int, n_steps: int) -> np.ndarray:
 def _guess(
     before: Array, held: Array, count: int, told: np.ndarray | None
 ) -> tuple[Array, SensorFit, np.ndarray] | None:
-    """The best transition and what it makes of the steps; None where there are too few, or they do not determine one."""
+    """Return the best transition and its fit; None where the steps are too few or do not determine one."""
     if told is not None:
         chain, _ = of_symbols(before, held, told)
         candidates = [] if chain is None else [np.maximum(chain, 0.0)]
@@ -135,7 +134,7 @@ def _guess(
 def _refined(
     before: Array, held: Array, chain: Array, count: int, told: np.ndarray | None
 ) -> tuple[Array, SensorFit, np.ndarray] | None:
-    """A candidate with what is found by grouping steps and fitting both in turn."""
+    """Refine a candidate: alternately cluster the steps and fit transition and sensor."""
     chain = chain / chain.sum(axis=1, keepdims=True)
     last: np.ndarray | None = None
     for _ in range(_ROUNDS):
@@ -146,7 +145,7 @@ def _refined(
         if last is not None and (symbols == last).all():
             break
         last = symbols
-        # All steps of a symbol say more than the set that began.
+        # All steps of a symbol carry more information than the initial set.
         if told is None and fit.noise <= tolerances.ROUGH_DISTANCE:
             whole, _ = of_symbols(before, held, symbols)
             chain = chain if whole is None else np.maximum(whole, 0.0)
@@ -155,7 +154,7 @@ def _refined(
 
 
 def _by_name(steps: FilterSteps, told: np.ndarray) -> Groups:
-    """Steps by their known symbols, of which those that occur are numbered in their order."""
+    """Group steps by their known symbols; those that occur are numbered in their order."""
     symbols, directions = told[steps.numbers], steps.directions()
     starts = np.ones((int(told.max()) + 1, directions.shape[1]))
     for y in np.unique(symbols):
@@ -164,13 +163,13 @@ def _by_name(steps: FilterSteps, told: np.ndarray) -> Groups:
 
 
 def _named(told: np.ndarray, numbers: np.ndarray, count: int) -> np.ndarray:
-    """For every symbol's name the place of its column: those that occur come first, in their order, then the others."""
+    """Return the column index of every symbol's name: those that occur first, in their order, then the others."""
     present = np.unique(told[numbers])
     return np.argsort(np.concatenate([present, np.setdiff1d(np.arange(count), present)]))
 
 
 def _world(transition: Array, sensor: Array, names: tuple[str, ...] | None) -> HiddenMarkovModel:
-    """The world with its stationary law, or an even one where that is not unique."""
+    """Return the world with its stationary law, or a uniform one where that is not unique."""
     emission = CategoricalEmission(sensor)
     try:
         return HiddenMarkovModel(transition, emission, names=names)
@@ -179,7 +178,7 @@ def _world(transition: Array, sensor: Array, names: tuple[str, ...] | None) -> H
 
 
 def _unknown(held: Array, count: int, told: np.ndarray | None, names: tuple[str, ...] | None) -> EstimatedWorld:
-    """The world that says nothing, where beliefs determine no transition."""
+    """Return the uninformative world, for beliefs that determine no transition."""
     n_states = held.shape[1]
     few = _are_few(len(held) - 1, n_states, count, told) or (
         told is not None and int(np.bincount(told).max()) < steps_needed(n_states)
@@ -193,7 +192,7 @@ def _unknown(held: Array, count: int, told: np.ndarray | None, names: tuple[str,
 
 
 def _are_few(n_steps: int, n_states: int, count: int, told: np.ndarray | None) -> bool:
-    """Whether there are fewer steps than unknowns, or than show which of them go by one symbol."""
+    """Whether there are fewer steps than unknowns, or too few to cluster them by symbol."""
     return n_steps <= n_states + count if told is not None else n_steps < count * steps_needed(n_states)
 
 

@@ -1,4 +1,4 @@
-"""Beliefs that are numbers: expected returns, signals, set points, and what decisions that follow them say."""
+"""Gaussian private means (expected returns, signals, set points): decisions about them and what these reveal."""
 
 from inscrutable.alphas.decision_maker import AlphaDecisionMaker
 from inscrutable.alphas.obfuscation import AlphaDecision, obfuscated_decision

@@ -1,4 +1,4 @@
-"""The decision maker whose private belief is numbers, against an observer who knows the rule."""
+"""The decision maker with a Gaussian private mean, against the aware observer."""
 
 from __future__ import annotations
 
@@ -38,22 +38,23 @@ Objective = Literal["information", "error"]
 
 
 class AlphaDecisionMaker:
-    """The rule of least information about a private mean, against the aware observer, at an expected regret.
+    """The rule of least leakage, or of largest error, about a private mean against the aware observer at a mean regret.
 
     Formula: with E the covariance of m − m̂ after a decision and Θ of the problem, tr(ΘE) is the mean regret. "information"
-    leaks the fewest bits, min ½ log det P − ½ log det E; "error" leaves the largest tr(QE); over 0 ⪯ E ⪯ P. Of rules that leave
-    the same error, the one returned for one decision leaks the fewest bits, and over time as well where Q is a multiple of Θ;
-    other ties end at some tied rule, in an example of three signals with 3 % more bits than the fewest. The rule draws m̂ = m̂⁻
-    + (I − EP⁻¹)(m − m̂⁻) + N(0, E − EP⁻¹E) and plays the optimum for m̂, which is what the observer then believes. With
-    `prior_covariance` P = S, every decision is about another mean; with a `world` P = AEA' + W, after public observations, and
-    the observer remembers all decisions.
+    leaks the fewest bits, min ½ log det P − ½ log det E; "error" leaves the largest tr(QE); over 0 ⪯ E ⪯ P. Where several rules
+    leave the same error, the one of fewest bits is returned for one decision, and over time if Q is a multiple of Θ. Other ties
+    over time return some optimal rule; in an example of three signals it leaked 3 % more bits than the fewest. The rule draws
+    m̂ = m̂⁻ + (I − EP⁻¹)(m − m̂⁻) + N(0, E − EP⁻¹E) and plays the optimum for m̂, which is then the observer's posterior mean.
+    With `prior_covariance`, P = S and every decision concerns an independent mean. With a `world`, P = AEA' + W, updated by
+    public observations, and the observer remembers all decisions.
 
     Args:
-        problem: The problem; with a trading cost decisions trade part of the way to an aim.
-        budget: The regret a step, `Budget.regret(r)`; a number is a share of the silence regret tr(ΘS), the cost of deciding by
-        public information alone. (It is a share of E|c*| as well where the mean is zero and nothing constrains.)
+        problem: The problem; with a trading cost, decisions trade part of the way to an aim.
+        budget: The regret per step, `Budget.regret(r)`; a number is a share of the silence regret tr(ΘS), the cost of deciding
+            by public information alone. (With zero mean and no constraints it is also a share of E|c*|.)
         prior_covariance: S, public, shape (k,k), or a `FactorRisk` over the assets, squared units of m.
-        world: How the estimated state m moves, public: the agent has its steady Kalman filter. Instead of `prior_covariance`.
+        world: The public dynamics of the state m, which the agent estimates by the steady Kalman filter. Instead of
+            `prior_covariance`.
         prior_mean: m̄, shape (k,); None is zero.
         objective: "information" or "error".
         error_weights: Q, shape (k,k), positive semidefinite; None is the identity.
@@ -61,18 +62,21 @@ class AlphaDecisionMaker:
     Labelled tables are aligned with the problem's signals.
 
     Raises:
-        InputError: An argument is malformed, a budget is a share where the silence regret is infinite, or inequalities meet a
-            trading cost.
+        InputError: An argument is malformed, the budget is a share but the silence regret is infinite, or there are both
+            inequalities and a trading cost.
         ModelError: S or Q is indefinite, the world has no steady filter, or trading cannot follow the mean.
-        SolverError: At first use: the iteration over time did not converge, and the silence regret is infinite.
+        SolverError: At first use, if the iteration over time did not converge and the silence regret is infinite.
 
-    Cost: one decision: O(k³), for 3,000 alphas with a dense S 9 s on two cores, 12 s on one; where S is a `FactorRisk` with the
-    exposures of the problem's and specific variances in proportion, "information" takes O(n (factors)²) and memory linear in
-    assets. "error" whose weights do not commute with Θ takes one or two decompositions in single precision and one or two in
-    double: for 3,000 alphas 13 s on two cores, 19 s on one. Over time: some seconds for 100 signals; "error" takes O(k⁶), 0.3 s
-    for 40 signals and 25 s for 100, at a gap of some 1e-6. Above 120 signals, and with "information" near a spectral radius of
-    one, the rule is found by an iteration that converges slowly: it ends after 20,000 steps with the best rule, its gap and the
-    status BOUNDED where that is above 1e-4.
+    Cost:
+    - One decision, dense S: O(k³); 3,000 alphas take 9 s on two cores, 12 s on one.
+    - One decision, "information", S a `FactorRisk` with the problem's exposures and proportional specific variances:
+      O(n (factors)²) time, memory linear in assets.
+    - One decision, "error", weights that do not commute with Θ: one or two decompositions in single precision and one or two in
+      double; 3,000 alphas take 13 s on two cores, 19 s on one.
+    - Over time, "information": some seconds for 100 signals.
+    - Over time, "error": O(k⁶); 0.3 s for 40 signals, 25 s for 100, at a gap of about 1e-6.
+    - Over time, above 120 signals, or "information" near a spectral radius of one: a slow iteration, which ends after 20,000
+      steps with the best rule, its gap, and the status BOUNDED where the gap exceeds 1e-4.
 
     Source: Cover and Thomas (2006), section 10.3.3, for one decision; Tanaka, Kim, Parrilo, Mitter (IEEE Trans. AC 62, 2017)
     and Tanaka, Esfahani, Mitter (IEEE Trans. AC 63, 2018) over time.
@@ -145,7 +149,7 @@ class AlphaDecisionMaker:
 
     @cached_property
     def moves(self) -> Moves:
-        """How the mean moves for the observer; means of `prior_covariance` are drawn afresh."""
+        """The dynamics of the mean for the observer; with `prior_covariance` every mean is independent."""
         if self.world is None:
             assert self._prior is not None
             prior = self._prior.dense() if isinstance(self._prior, FactorRisk) else self._prior
@@ -166,7 +170,7 @@ class AlphaDecisionMaker:
 
     @cached_property
     def silence_regret(self) -> float:
-        """r₀ = tr(ΘS), the cost a step of deciding by public information alone; infinite where that grows without bound."""
+        """r₀ = tr(ΘS), the cost per step of deciding by public information alone; infinite where that grows without bound."""
         if self._ratio is not None:
             assert isinstance(self.plan.law, FactoredErrorLaw)
             return self.plan.law.silence
@@ -174,7 +178,7 @@ class AlphaDecisionMaker:
 
     @property
     def limit(self) -> float:
-        """The budget as a regret a step."""
+        """The budget as a regret per step."""
         if not self.budget.is_relative:
             return self.budget.amount
         if not np.isfinite(self.silence_regret):
@@ -204,17 +208,17 @@ class AlphaDecisionMaker:
 
     @property
     def bits(self) -> float:
-        """Bits that a decision leaks about the mean, a step in the long run; infinite where something is shown exactly."""
+        """Bits that a decision leaks about the mean, per step in the long run; infinite if it reveals a part exactly."""
         return self.plan.bits
 
     @property
     def error(self) -> float:
-        """tr(QE), the observer's mean square error about the mean after a decision, a step in the long run."""
+        """tr(QE), the observer's mean square error about the mean after a decision, per step in the long run."""
         return self.plan.error
 
     @property
     def regret(self) -> float:
-        """tr(ΘE), the mean regret a step in the long run; with inequalities at most that."""
+        """tr(ΘE), the mean regret per step in the long run; with inequalities an upper bound of it."""
         return self.plan.regret
 
     @property
@@ -229,12 +233,12 @@ class AlphaDecisionMaker:
 
     @property
     def gap(self) -> float:
-        """How far the rule is from `ceiling`, as a share of the larger; 0 for closed forms."""
+        """The difference between the rule and `ceiling`, as a share of the larger; 0 for closed forms."""
         return gap_of(self.plan, self.objective == "error")
 
     @property
     def status(self) -> AlphaStatus:
-        """How far the rule is from the best one."""
+        """Whether the rule is optimal, up to its gap."""
         if self.limit >= self.silence_regret:
             return AlphaStatus.SILENT
         if self.problem.has_inequalities:
@@ -242,21 +246,21 @@ class AlphaDecisionMaker:
         return AlphaStatus.OPTIMAL if is_met(self.gap) else AlphaStatus.BOUNDED
 
     def under_limits(self, *, draws: int = 1000, rng: np.random.Generator) -> AlphaDecisionMaker:
-        """Return the rule that spends the budget where inequalities make it cheaper than tr(ΘE), by simulation.
+        """Return the rule that spends the budget under inequalities, where it costs less than tr(ΘE), by simulation.
 
-        Formula: means are drawn from the law of silence and estimates from the rule's; E grows until the mean regret is the
-        budget. A share is of what the constant decision costs under the limits. `simulated_regret` of the rule that is
-        returned holds the mean and its standard error; `regret` is tr(ΘE), which it is at most.
+        Formula: means are drawn from the observer's law without decisions, estimates from the rule's; E grows until the mean
+        regret equals the budget. A share refers to the cost of the constant decision under the inequalities. `simulated_regret`
+        of the returned rule has the mean and its standard error; `regret` is tr(ΘE), an upper bound.
 
         Args:
-            draws: Means that are drawn, at least 2, the same at every E.
-            rng: Their source. The law is public: a public seed reveals nothing.
+            draws: Number of means drawn, at least 2; every E uses the same draws.
+            rng: Source of the draws. Their law is public, so a public seed reveals nothing.
 
         Raises:
-            InputError: The problem has no inequalities, or silence costs without end.
-            SolverError: The budget is spent at no E.
+            InputError: The problem has no inequalities, or the silence regret is infinite.
+            SolverError: No E spends the budget.
 
-        Cost: some ten times the rule's own, and as many times `draws` decisions.
+        Cost: about ten times that of the rule, and about ten times `draws` decisions.
 
         Example:
             >>> from inscrutable import box
@@ -293,7 +297,7 @@ class AlphaDecisionMaker:
         return grown
 
     def _spending(self, limit: float) -> AlphaDecisionMaker:
-        """The same with another tr(ΘE)."""
+        """Return the same decision maker with another limit on tr(ΘE)."""
         other = copy(self)
         other.__dict__.pop("plan", None)
         if self._ratio is not None:
@@ -314,8 +318,8 @@ class AlphaDecisionMaker:
 
         Args:
             means: m_t, shape (T,k).
-            public: (T,q), the public observation of each row where the world has a public sensor; the first row is not used,
-                it is in the law of the start.
+            public: (T,q), the public observation of each row where the world has a public sensor. The first row is not used:
+                the initial law contains it.
             rng: The source of the draws.
 
         Raises:
@@ -327,7 +331,7 @@ class AlphaDecisionMaker:
         return self.summary()
 
     def summary(self) -> str:
-        """Return a few lines for a person to read; the rule is found first."""
+        """Return a few lines for a person to read; computes the rule at first use."""
         plan, silent = self.plan, self.silence_regret
         share = f", {plan.regret / silent:.1%} of silence" if 0.0 < silent < np.inf else ""
         most = "at most " if self.problem.has_inequalities else ""
@@ -367,12 +371,12 @@ def _checked_world(world: Any, problem: AlphaProblem) -> LinearGaussianWorld | N
 
 
 def _start_of(world: LinearGaussianWorld | None, k: int) -> Array:
-    """What the observer expects before the first decision."""
+    """Return the observer's mean before the first decision."""
     if world is None:
         return np.zeros(k)
     try:
         return np.asarray(world.initial.mean)
-    except ModelError:  # no law of the start is given, and there is none that lasts
+    except ModelError:  # no initial law is given, and there is no stationary one
         return np.zeros(k)
 
 

@@ -1,4 +1,4 @@
-"""The error that a rule leaves an observer, and the message that leaves it: E = T diag(e) T' where the prediction's is T T'."""
+"""The observer's error covariance under a rule, E = T diag(e) T' after P = T T' before, and the message that attains it."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _LARGE = 500  # assets
 class ErrorLaw:
     """Covariances before and after a decision in one basis: P = T T' before, E = T diag(e) T' after.
 
-    In coordinates z = T⁺(m − m̂⁻), independent of variance 1 to the observer, the rule shows ẑ = (1 − e) z + √(e (1 − e)) g
-    with g standard normal. Then m̂ = m̂⁻ + T ẑ is the observer's mean after it, and the covariance of m − m̂ is E. An exact
-    share e = 0 shows z itself, e = 1 nothing. It is the rule m̂ = m̂⁻ + (I − E P⁻¹)(m − m̂⁻) + N(0, E − E P⁻¹ E).
+    In coordinates z = T⁺(m − m̂⁻), independent with variance 1 for the observer, the rule reveals ẑ = (1 − e) z + √(e (1 − e))
+    g with g standard normal. Then m̂ = m̂⁻ + T ẑ is the observer's mean after the decision, and the covariance of m − m̂ is E.
+    A share e = 0 reveals z exactly, e = 1 nothing. This is the rule m̂ = m̂⁻ + (I − E P⁻¹)(m − m̂⁻) + N(0, E − E P⁻¹ E).
 
     Args:
         basis: T, shape (n,q).
         dual: T⁺, shape (q,n).
         shares: e, shape (q,), from 0 to 1.
-        frame: Orthonormal columns (n,q) that turn as those of T do: R⁻¹T for the one root R of P that no choice enters; None:
-            found at the first draw.
+        frame: Orthonormal columns R⁻¹T, shape (n,q), with R the symmetric root of P, for large P its Cholesky factor; both are
+            unique. None: computed at the first draw.
     """
 
     basis: Array
@@ -37,7 +37,7 @@ class ErrorLaw:
 
     @property
     def bits(self) -> float:
-        """−½ Σ log2 e, infinite where something is shown exactly."""
+        """−½ Σ log2 e; infinite where some e is 0."""
         return bits_of(self.shares)
 
     @property
@@ -64,7 +64,8 @@ class ErrorLaw:
     def told(self, difference: Array, noise: Array) -> Array:
         """Return m̂ − m̂⁻ for m − m̂⁻ and standard normal noise, all of shape (…,n).
 
-        It is the same for every sign of an eigenvector and every basis of equal shares, which differ between libraries.
+        The result does not depend on the signs of eigenvectors or the basis within equal shares, which differ between
+        libraries.
         """
         spread = np.sqrt(self.shares * (1.0 - self.shares))
         shown = (1.0 - self.shares) * (difference @ self.dual.T) + spread * (noise @ self._frame)
@@ -82,14 +83,13 @@ class ErrorLaw:
         return np.asarray(left @ right)
 
     def sensor(self) -> tuple[Array, Array]:
-        """Return the sensor that carries the same information: rows (s,n) of what it reads, and their noise variances (s,),
-        0 where exact."""
+        """Return the equivalent sensor: rows (s,n) of what it reads, and their noise variances (s,), 0 where exact."""
         told = self.shares < 1.0
         return self.dual[told], self.shares[told] / (1.0 - self.shares[told])
 
 
 def bits_of(shares: Array, counts: Array | None = None) -> float:
-    """Return −½ Σ log2 e, each share as often as `counts` say."""
+    """Return −½ Σ counts log2 e."""
     if not (shares > 0.0).all():
         return float("inf")
     logs = np.log2(shares)
@@ -117,7 +117,7 @@ def root_of(covariance: Array) -> tuple[Array, Array]:
 
 
 def _well_conditioned(covariance: Array) -> Array | None:
-    """The Cholesky factor; None where it has not enough digits."""
+    """Return the Cholesky factor; None where it is too inaccurate."""
     try:
         factor = np.asarray(np.linalg.cholesky(covariance))
     except np.linalg.LinAlgError:
@@ -127,17 +127,17 @@ def _well_conditioned(covariance: Array) -> Array | None:
 
 
 def law_between(before: tuple[Array, Array], error: Array) -> ErrorLaw:
-    """Return the law with T T' before, given as `root_of` do, and the error covariance after."""
+    """Return the law with covariance T T' before, given as by `root_of`, and the error covariance after."""
     dual = before[1]
     inside = dual @ error @ dual.T
     shares, turn = np.linalg.eigh(0.5 * (inside + inside.T))
-    # A share of rounding would draw noise of its root, some 1e-8, where all is to be shown.
+    # A share of rounding size would add noise of its square root, about 1e-8, where the rule reveals all.
     shares = np.where(shares > 1.0 - tolerances.ALL_LEFT, 1.0, np.where(shares < tolerances.NO_VARIANCE, 0.0, shares))
     return turned(before, turn, shares)
 
 
 def after_sensor(before: tuple[Array, Array], rows: Array, noise: Array) -> ErrorLaw:
-    """Return the law that a sensor of these rows and noise variances makes of T T', given as `root_of` do."""
+    """Return the law after a sensor with these rows and noise variances; T T' before, given as by `root_of`."""
     basis, _ = before
     seen = rows @ basis
     read = seen @ seen.T + np.diag(noise)

@@ -1,7 +1,8 @@
-"""Least information about thousands of alphas whose prior has the factors of the risk; no matrix of assets is formed.
+"""Least leakage about thousands of alphas whose prior has the factors of the risk, without any (n,n) matrix.
 
-With V = F Ω F' + D and S = F Ω_S F' + τ D, in x = D^{−1/2}(m − m̄) both are known on the span U of D^{−1/2}F and D^{−1/2}H',
-H the equalities, and multiples of the identity beside it: a small problem and one more cost, τ/4γ, n − q times.
+With V = F Ω F' + D and S = F Ω_S F' + τ D, in x = D^{−1/2}(m − m̄) both act on the span U of D^{−1/2}F and D^{−1/2}H' (H the
+equalities), and are multiples of the identity on its complement: a problem of q dimensions and one more cost, τ/4γ, n − q
+times.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class FactoredErrorLaw:
 
     @property
     def covariance(self) -> Array:
-        """E as a matrix (n,n); nothing else forms it."""
+        """E as a matrix (n,n), formed on demand only."""
         inside = self.inside.covariance - self.share * self.variance * np.eye(self.span.shape[1])
         found = self.span @ inside @ self.span.T + self.share * self.variance * np.eye(len(self.scale))
         return np.asarray(self.scale[:, None] * found * self.scale)
@@ -74,7 +75,7 @@ class FactoredErrorLaw:
 
 
 def specific_ratio(problem: AlphaProblem, prior: Risk) -> float | None:
-    """Return τ where the prior has the factors of the risk and τ times its specific variances; None where it has not."""
+    """Return τ if the prior has the factors of the risk and τ times its specific variances; None otherwise."""
     risk = problem.risk
     if problem.loadings is not None or not (isinstance(risk, FactorRisk) and isinstance(prior, FactorRisk)):
         return None
@@ -88,7 +89,7 @@ def specific_ratio(problem: AlphaProblem, prior: Risk) -> float | None:
 def least_information_of_factors(
     problem: AlphaProblem, prior: FactorRisk, ratio: float, budget: Array
 ) -> FactoredErrorLaw:
-    """Return the law of fewest bits at a regret of at most budget[0] plus the share budget[1] of that of silence.
+    """Return the law of fewest bits at a regret of at most budget[0] + budget[1] times the silence regret.
 
     Cost: O(n (k + e)²) time and O(n (k + e)) memory for k factors and e equalities.
     """

@@ -1,13 +1,13 @@
-"""The largest error over time as a cone programme, by a primal-dual interior-point method that knows its structure.
+"""The largest error over time as a semidefinite programme, by a structured primal-dual interior-point method.
 
-With M = [A; H] and K = [I; 0], and J the covariance of what moves the belief and of what is public,
+With M = [A; H] and K = [I; 0], and J the joint covariance of innovation and public noise,
 
     max tr(QE)  over  E ⪰ 0,  S = J + M E M' − K E K' ⪰ 0,  s = r − tr(ΘE) ≥ 0;
     min μr + tr(ZJ)  over  Y = K'ZK − M'ZM + μΘ − Q ⪰ 0,  Z ⪰ 0,  μ ≥ 0.
 
-Every step scales by Nesterov and Todd, so that E and Y are one diagonal matrix, and S and Z another. What is left in the step X
-of E is X + T*T X + (μ/s) Θ tr(ΘX), T X = M X M' − K X K', with n(n+1)/2 unknowns: one Cholesky factor, used twice. Source:
-Todd, Toh, Tütüncü, On the Nesterov–Todd direction in semidefinite programming (SIAM J. Optimization 8, 1998).
+Nesterov–Todd scaling makes E and Y one diagonal matrix, and S and Z another. The remaining equation for the step X of E is X +
+T*T X + (μ/s) Θ tr(ΘX), T X = M X M' − K X K', with n(n+1)/2 unknowns: one Cholesky factor, used twice. Source: Todd, Toh,
+Tütüncü, On the Nesterov–Todd direction in semidefinite programming (SIAM J. Optimization 8, 1998).
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from inscrutable.errors import SolverError
 from inscrutable.validation import Array
 
 MOST_SIGNALS = 120
-"""Above, the factor of a step takes more than half a gigabyte and three seconds; at 100 signals it takes 0.2 and one."""
+"""Most signals; beyond, a step's factor takes more than 0.5 GB and 3 s (at 100 signals: 0.2 GB and 1 s)."""
 _MOST_STEPS = 40
 _TO_BORDER = 0.98
-"""Share of the way to the border that a step may go."""
+"""Largest step, as a share of the distance to the boundary of the cone."""
 
 
 class _Point(NamedTuple):
@@ -52,20 +52,20 @@ class _Step(NamedTuple):
 
 
 class _Scaled(NamedTuple):
-    """Coordinates G in which a slack G diag(d) G' and its multiplier G^{-T} diag(d) G^{-1} are the same d."""
+    """Scaling G with slack G diag(d) G' and multiplier G^{-T} diag(d) G^{-1} for the same d."""
 
     basis: Array
     dual: Array
     sizes: Array
 
     def reach(self, step: Array) -> float:
-        """How far a step of diag(d) may go before it has an eigenvalue below zero."""
+        """Return the largest step of diag(d) that stays positive semidefinite."""
         root = 1.0 / np.sqrt(self.sizes)
         least = float(np.linalg.eigvalsh(step * root * root[:, None])[0])
         return np.inf if least >= 0.0 else -1.0 / least
 
     def asked(self, target: float, corrected: Array) -> Array:
-        """The sum of both steps at which the product is `target`, but for the product of the steps, `corrected`."""
+        """Return the sum of both steps for a linearised product `target`, with the second-order term `corrected`."""
         missing = np.diag(target - self.sizes**2) - _even(corrected)
         return np.asarray(2.0 * missing / (self.sizes[:, None] + self.sizes))
 
@@ -105,15 +105,15 @@ class _Programme:
         return self.limit - float(np.sum(self.theta * error))
 
     def shown(self, later: Array, price: float) -> Array:
-        """Y as Z and μ have it."""
+        """Return Y at Z and μ."""
         both, kept, _ = self.rows
         return _even(kept.T @ later @ kept - both.T @ later @ both + price * self.theta - self.weights)
 
     def start(self) -> _Point:
-        """An interior point: E from a faded transition, and Z from a belief that forgets.
+        """Return an interior point: E under a damped transition, Z from a Lyapunov equation.
 
         Raises:
-            SolverError: The error of an observer who sees no decision is unbounded even for a fading belief.
+            SolverError: The error of an observer without decisions is unbounded even under a damped transition.
         """
         moves, radius = self.moves, self.moves.radius
         fading = np.sqrt(min(0.9, 0.8 / radius**2)) if radius else 1.0
@@ -137,7 +137,7 @@ class _Programme:
 
 
 class _Newton:
-    """Newton's equations at a point, scaled; every right side is solved with one factor."""
+    """Scaled Newton equations at a point; one factor solves every right-hand side."""
 
     def __init__(self, programme: _Programme, point: _Point) -> None:
         both, kept, _ = programme.rows
@@ -161,7 +161,7 @@ class _Newton:
         return _even(self._both.T @ step @ self._both - self._kept.T @ step @ self._kept)
 
     def _matrix(self) -> Array:
-        """The equations' matrix above its diagonal, for the entries of X on and above the diagonal."""
+        """Return the upper triangle of the equations' matrix, for the entries of X on and above its diagonal."""
         mixed = self._both.T @ self._kept
         signed = (
             (1.0, self._both.T @ self._both), (1.0, self._kept.T @ self._kept), (-1.0, mixed), (-1.0, mixed.T),
@@ -190,7 +190,7 @@ class _Newton:
         return np.asarray(found + np.triu(found, 1).T)
 
     def step(self, error: Array, room: Array, spare: float) -> _Step:
-        """The step for what the steps of E and Y, of S and Z add up to, and those of s and μ times one another's size."""
+        """Return the step, given the sums of the scaled steps of E and Y, of S and Z, and of s and μ."""
         right = error - self._missing + self._earlier(room) - spare / self.spare * self._theta
         found = self._solved(right)
         again = found + self._earlier(self._later(found)) + self._rate * np.sum(self._theta * found) * self._theta
@@ -201,7 +201,7 @@ class _Newton:
         return _Step(found, moved, self._missing - self._earlier(later) + price * self._theta, later, -spent, price)
 
     def reach(self, step: _Step, share: float) -> tuple[float, float]:
-        """How far slacks, and how far multipliers, may go: at most one, and a share of the way to the border."""
+        """Return the step lengths of slacks and of multipliers: at most one, and a share of the distance to the boundary."""
         spare = np.inf if step.spare >= 0.0 else -self.spare / step.spare
         price = np.inf if step.price >= 0.0 else -self.point.price / step.price
         slack = min(self.error.reach(step.error), self.room.reach(step.room), spare)
@@ -211,11 +211,11 @@ class _Newton:
 
     @property
     def gap(self) -> float:
-        """The sum of products of slacks and multipliers."""
+        """The duality gap: the sum of products of slacks and multipliers."""
         return float(np.sum(self.error.sizes**2) + np.sum(self.room.sizes**2)) + self.spare * self.point.price
 
     def gap_after(self, step: _Step, slack: float, multiplier: float) -> float:
-        """The same after a step."""
+        """Return the duality gap after a step."""
         sides = ((self.error.sizes, step.error, step.shown), (self.room.sizes, step.room, step.later))
         held = sum(
             float(np.sum((np.diag(size) + slack * one) * (np.diag(size) + multiplier * other)))
@@ -224,7 +224,7 @@ class _Newton:
         return held + (self.spare + slack * step.spare) * (self.point.price + multiplier * step.price)
 
     def next(self) -> _Point:
-        """The point after a step to Mehrotra's centre."""
+        """Return the point after a Mehrotra predictor-corrector step."""
         point, level = self.point, self.gap / self.pairs
         ahead = self.step(-np.diag(self.error.sizes), -np.diag(self.room.sizes), -self.spare * point.price)
         target = level * min(1.0, self.gap_after(ahead, *self.reach(ahead, 1.0)) / self.gap) ** 3
@@ -246,7 +246,7 @@ def most_error_inside(moves: Moves, theta: Array, weights: Array, limit: float) 
     """Return E, the price of regret and the multiplier of E ⪯ P(E) of max tr(QE) over 0 ⪯ E ⪯ P(E), tr(ΘE) ≤ limit.
 
     Raises:
-        SolverError: There is no point to begin at, or none that both sides meet was reached.
+        SolverError: There is no interior point to start from, or the primal and dual values did not meet.
 
     Cost: some 12 steps of O(n⁶) time and O(n⁴) memory: 2 s and 0.2 GB a step for 100 signals.
     """

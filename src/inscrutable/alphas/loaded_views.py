@@ -1,5 +1,4 @@
-"""Views of signals, implied by weights, where signals move assets through loadings B: a polyhedron, an ellipsoid, or a
-convex set of views."""
+"""Implied views of signals that move assets through loadings B: a polyhedron, an ellipsoid, or another convex set."""
 
 from __future__ import annotations
 
@@ -18,15 +17,15 @@ from inscrutable.problems.quadratic_programme import Layout, solve_programmes
 from inscrutable.validation import Array
 
 _WIDTH = 1e4
-"""How far beyond the likely best length, and below it, a bound is searched."""
+"""Search range for the length t, as a factor above and below the likely best one."""
 
 
 class LoadedViews(ViewSet):
     """Views m of k signals that explain weights exactly: B m = 2γVu + H'ν + G'λ over tight rows.
 
-    Multipliers of tight bounds are left out: an asset off its bounds gives an equation in (m, ν, λ), one on its bound an
-    inequality. The equations are solved by singular values; what they leave is described by a few coordinates y, in which the
-    inequalities are rows of linear programmes.
+    Multipliers of active bounds are eliminated: an asset off its bounds gives an equation in (m, ν, λ), an asset on a bound an
+    inequality. A singular value decomposition solves the equations; coordinates y of their null space are the variables of
+    linear programmes with the inequalities as rows.
     """
 
     def __init__(self, problem: AlphaProblem, weights: Array) -> None:
@@ -56,7 +55,7 @@ class LoadedViews(ViewSet):
 
     @cached_property
     def _misfit(self) -> float:
-        """How far the conditions of optimality are missed at best, relative to 2γVu."""
+        """Least residual of the conditions of optimality, relative to 2γVu."""
         missed = float(np.abs(self._equations @ self._start - self._sides).max(initial=0.0)) / self._scale
         if missed > tolerances.EXPLAINED or not len(self._rows.sides):
             return missed
@@ -70,12 +69,12 @@ class LoadedViews(ViewSet):
 
     @property
     def gap(self) -> float:
-        """Least regret of the weights under any view: what their risk costs beyond the least at the same exposures B'u."""
+        """Least regret of the weights under any view: γ times their variance above the least at the same exposures B'u."""
         return 0.0 if self._misfit <= tolerances.EXPLAINED else least_regret(self.problem, self.weights)
 
     @cached_property
     def _within(self) -> Rows:
-        """The inequalities, loosened by what counts as explained, so that a set without an interior is not lost."""
+        """The inequalities, relaxed by the tolerance, so that a set without interior is not empty."""
         return Rows(self._rows.matrix, self._rows.sides + tolerances.EXPLAINED * self._scale)
 
     @cached_property
@@ -85,7 +84,7 @@ class LoadedViews(ViewSet):
             return -1
         ways, rows, n = self._ways, self._rows, self._ways.shape[1]
         if len(rows.sides) and n:
-            # Scaled up far enough, a member is off every row by one that it can be off at all.
+            # With enough scaling, some member has slack 1 in every row that can have slack.
             slack = np.column_stack([rows.matrix, -(rows.sides / self._scale), np.eye(len(rows.sides))])
             free: list[tuple[float | None, float | None]] = [(None, None)] * n
             bounds = [*free, (1.0, None), *([(0.0, 1.0)] * len(rows.sides))]
@@ -120,7 +119,7 @@ class LoadedViews(ViewSet):
         return self._bounds(_apart(self._loads, reference, wanted))
 
     def nearest(self, mean: Array) -> Array:
-        """Return the member nearest to a mean; where there is none, the least squares' solution nearest to it."""
+        """Return the member nearest to a mean; if the set is empty, the nearest least-squares solution."""
         k, target = len(mean), mean * self._size
         if self._misfit > tolerances.EXPLAINED:
             own, *_ = np.linalg.lstsq(
@@ -151,9 +150,9 @@ class LoadedViews(ViewSet):
 class ViewsWithinRegret(ViewSet):
     """Views m of k signals under which weights cost at most a regret r more than the best.
 
-    Without inequalities an ellipsoid, (m − m̂)'Θ(m − m̂) ≤ r − gap. With them the end of a direction d is
-    inf_{t>0} [r + γ(φ(t) − u'Vu)]/t, φ(t) the least risk v'Vv of v ∈ C with B'v = B'u + t d: every t gives a bound, and the
-    best is found by one search.
+    Without inequalities an ellipsoid, (m − m̂)'Θ(m − m̂) ≤ r − gap. With them the bound along a direction d is inf_{t>0} [r +
+    γ(φ(t) − u'Vu)]/t, φ(t) the least risk v'Vv of v ∈ C with B'v = B'u + t d: every t gives a valid bound, and one line search
+    finds the best.
     """
 
     def __init__(self, problem: AlphaProblem, weights: Array, regret: float) -> None:
@@ -167,7 +166,7 @@ class ViewsWithinRegret(ViewSet):
 
     @property
     def dimension(self) -> int:
-        """k, or −1 where no view leaves so small a regret."""
+        """k, or −1 where the regret exceeds r under every view."""
         return self.problem.n_signals if self.gap < self.regret else -1
 
     def signal_bounds(self, reference: Array | None, wanted: np.ndarray) -> Array:
@@ -197,11 +196,11 @@ class ViewsWithinRegret(ViewSet):
         return np.column_stack([middle - width, middle + width])
 
     def _end(self, direction: Array) -> float:
-        """The greatest d'm, from above."""
+        """Return an upper bound of the greatest d'm."""
         frame, sizes, axes = _frame(self._loads)
         inside = axes @ direction
         if np.abs(direction - axes.T @ inside).max() > tolerances.RANK * np.abs(direction).max(initial=0.0):
-            return np.inf  # nothing that is held moves with it
+            return np.inf  # no held asset has an exposure to it
         if not direction.any():
             return 0.0
         moved = inside / sizes
@@ -220,7 +219,7 @@ class ViewsWithinRegret(ViewSet):
             shifted = replace(layout, equality_sides=layout.equality_sides + length * step)
             try:
                 best = least_costs(risk, gamma, shifted, nothing)[0]
-            except SolverError:  # every length gives a bound: one whose programme is too degenerate is left out
+            except SolverError:  # every length gives a bound: skip one whose programme is too degenerate
                 return np.inf
             return (self.regret + gamma * (float(risk.quadratic(best)) - now)) / length
 
@@ -240,7 +239,7 @@ class ViewsWithinRegret(ViewSet):
         return nearest_within(self.problem, self.weights, self.regret, mean)
 
     def contains(self, mean: Array) -> bool:
-        """Return whether the regret is met."""
+        """Return whether the regret under a mean is at most r."""
         return bool(self.problem.regret(mean, self.weights) <= self.regret * (1.0 + tolerances.ON_FACE))
 
 
@@ -261,7 +260,7 @@ def _frame(loads: Array) -> tuple[Array, Array, Array]:
 
 
 def _exposed(problem: AlphaProblem, weights: Array) -> Layout:
-    """C with its decisions' exposures those of the weights, as equalities that come last."""
+    """Return C with the exposures fixed to those of the weights, as the last equalities."""
     assert problem.loadings is not None
     rows, sides = problem.equalities
     n, frame = problem.n_assets, _frame(problem.loadings)[0]
@@ -274,10 +273,10 @@ def _exposed(problem: AlphaProblem, weights: Array) -> Layout:
 
 
 def _can_move(problem: AlphaProblem, weights: Array, moved: Array) -> bool:
-    """Whether a way from the weights into C moves their exposures; without one, views go on along a ray at no more regret.
+    """Whether a feasible direction changes the exposures by `moved`; otherwise views are unbounded along a ray of equal regret.
 
     By Farkas: either δ has B'δ = d, H δ = 0 and G δ ≤ 0 over tight rows, or a view m = Bm − H'ν − G'λ = 0, λ ≥ 0, has d'm > 0.
-    Nothing is compared with a length, so that units and the rows' other sides do not matter.
+    The test compares no lengths, so units and right-hand sides do not matter.
     """
     assert problem.loadings is not None
     slacks, (rows, _), frame = slacks_of(problem, weights), problem.equalities, _frame(problem.loadings)[0]
@@ -294,7 +293,7 @@ def _can_move(problem: AlphaProblem, weights: Array, moved: Array) -> bool:
 
 
 def _longest(layout: Layout, moved: Array) -> float:
-    """The longest way along which the last equalities' sides can be moved, infinite where there is no end."""
+    """Return the largest t by which the last right-hand sides can change along `moved`; infinite where unbounded."""
     n, e = len(layout.lower), len(layout.equality_sides)
     steps = np.concatenate([np.zeros(e - len(moved)), moved])
     answer = minimise(

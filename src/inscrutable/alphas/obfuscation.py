@@ -1,4 +1,4 @@
-"""The decision whose implied views are farthest from the true ones, within a budget: counter-adversarial, in numbers."""
+"""The counter-adversarial decision for private means: its implied views are farthest from the true mean, within a budget."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from inscrutable.errors import InputError, ModelError
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
 
-_LARGE = 400  # signals from which on eigenvectors are found one by one
+_LARGE = 400  # signals from which on eigenvectors are computed one by one
 _MOST_DOUBLINGS = 20
 _TURNS = (0.6, 0.3, 0.15)
-"""How far, relative to its length, the best direction is turned towards the others in turn."""
+"""Relative lengths by which the best direction turns towards the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,10 +31,10 @@ class AlphaDecision(Saved):
     """The optimal decision of a decoy, a mean other than the true one.
 
     Args:
-        weights: u, shape (n,): the best decision for the decoy.
-        decoy: m̂, shape (k,), which an observer reads, with all else that explains u.
+        weights: u, shape (n,): the optimal decision for the decoy.
+        decoy: m̂, shape (k,): one of the views that explain u.
         privacy: Distance from the true mean to the implied views Π(u), in the unit of m.
-        regret: What u costs beyond the best decision, in the unit of returns.
+        regret: ρ(m,u), in the unit of returns.
         status: PROVED in closed form, where C has no inequalities; else LOCAL_OPTIMUM.
 
     Example:
@@ -63,22 +63,22 @@ def obfuscated_decision(
     """Return the decision u*(m̂) whose implied views are farthest from the true mean at an affordable regret.
 
     Formula: max_m̂ dist(m, Π(u*(m̂))) subject to ρ(m, u*(m̂)) ≤ r. Without inequalities it is √(r/λ), λ the least eigenvalue of
-    Θ above zero, along its eigenvector: for B = I and no constraints √(4γ r λ_max(V)), along V's first eigenvector: one hides
-    in the riskiest direction, cheaply. It is concave in r, so that drawing between decisions gains nothing.
+    Θ above zero, along its eigenvector: for B = I and no constraints √(4γ r λ_max(V)), along V's first eigenvector, the
+    riskiest direction. Privacy is concave in r, so randomisation gains nothing.
 
     Args:
         problem: The decision problem.
         mean: m, shape (k,), the true private mean.
         budget: A share of |c*|, or `Budget.regret(r)`.
-        n_directions: How many eigenvectors, of either sign, a search begins with and turns to where there are inequalities:
-            regret grows along each ray from m, which is followed until the budget is spent.
+        n_directions: With inequalities: the number of eigenvectors, of either sign, at which the search starts. Regret grows
+            along each ray from m, and the search follows a ray until the budget is spent.
 
     Raises:
         InputError: Malformed arguments.
-        ModelError: No signal moves any decision, so that decisions reveal nothing and there is nothing to hide.
+        ModelError: No signal changes any decision, so decisions reveal nothing.
 
     Returns:
-        `AlphaDecision`; of the two signs of a closed form the one with the smaller positions.
+        `AlphaDecision`; a closed form has two signs, and the one with the smaller positions is returned.
 
     Cost: one eigenvector, or some hundred decisions. Source: the paper, Section III-C, measure (e), for Gaussian beliefs.
 
@@ -107,7 +107,7 @@ def obfuscated_decision(
 
 
 def _cheapest_directions(problem: AlphaProblem, most: int) -> Array:
-    """Eigenvectors (q,k) of Θ with the least eigenvalues above zero, the least first."""
+    """Return the eigenvectors (q,k) of Θ with the least positive eigenvalues, in ascending order."""
     if problem.loadings is None and problem.n_assets > max(_LARGE, 2 * most):
         rows = np.linalg.qr(problem.equalities[0].T)[0]
 
@@ -116,7 +116,7 @@ def _cheapest_directions(problem: AlphaProblem, most: int) -> Array:
 
         n = problem.n_assets
         risk: Any = LinearOperator((n, n), matvec=lambda values: inside(problem.risk.times(inside(values.ravel()))))
-        # The greatest of V among the decisions that keep the equalities.
+        # The greatest eigenvalues of V on the null space of the equalities.
         vectors = eigsh(
             risk, k=most, which="LA", v0=inside(np.sqrt(problem.risk.diagonal)), tol=tolerances.STATIONARITY
         )[1]
@@ -129,7 +129,7 @@ def _cheapest_directions(problem: AlphaProblem, most: int) -> Array:
 
 
 def _searched(problem: AlphaProblem, mean: Array, limit: float, directions: Array) -> AlphaDecision:
-    """The best of rays, turned towards each other while that helps."""
+    """Return the best ray; rays turn towards each other while that helps."""
 
     def judged(direction: Array, share: float = tolerances.ROUGH_RAY) -> tuple[float, Array]:
         decoy = _end_of_ray(problem, mean, direction / np.linalg.norm(direction), limit, share)
@@ -154,7 +154,7 @@ def _read(problem: AlphaProblem, decoy: Array) -> ImpliedViews:
 
 
 def _end_of_ray(problem: AlphaProblem, mean: Array, way: Array, limit: float, share: float) -> Array:
-    """The farthest decoy m + t d whose decision is affordable; where none is too dear, one far out."""
+    """Return the farthest decoy m + t d whose decision is affordable; a distant one where all are affordable."""
     root = float(np.sqrt(limit))
     if root == 0.0:
         return mean
@@ -162,7 +162,7 @@ def _end_of_ray(problem: AlphaProblem, mean: Array, way: Array, limit: float, sh
     def beyond(length: float) -> float:
         return float(np.sqrt(problem.regret(mean, problem.optimum(mean + length * way)))) - root
 
-    # Without the inequalities this length spends the budget; with them it never spends more.
+    # Without inequalities this length spends the budget; with them at most the budget.
     length = root / float(np.sqrt(way @ problem.theta_times(way)))
     for _ in range(_MOST_DOUBLINGS):
         if beyond(2.0 * length) > 0:
@@ -172,7 +172,7 @@ def _end_of_ray(problem: AlphaProblem, mean: Array, way: Array, limit: float, sh
 
 
 def _last_below(function: Callable[[float], float], low: float, high: float, share: float) -> float:
-    """The zero of a function that rises from low to high, from below."""
+    """Return the zero of an increasing function, approached from below."""
     if function(low) >= 0:
         return low
     found = float(brentq(function, low, high, xtol=share * low, rtol=max(share, 4.0 * np.finfo(float).eps)))

@@ -1,4 +1,4 @@
-"""The dynamics of the belief for the observer: m_{t+1} = A m_t + K ν_t, and its public observations."""
+"""The dynamics of the agent's mean for the observer, m_{t+1} = A m_t + ω, and the public observations."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Moves:
 
     @classmethod
     def private(cls, transition: Array, innovation: Array) -> Moves:
-        """Return moves of which nothing is public."""
+        """Return dynamics without public observations."""
         n = len(transition)
         return cls(transition, innovation, np.zeros((0, n)), np.zeros((n, 0)), np.zeros((0, 0)))
 
@@ -41,7 +41,7 @@ class Moves:
         return float(np.abs(np.linalg.eigvals(self.transition)).max(initial=0.0))
 
     def gain(self, error: Array) -> Array:
-        """Return the gain (n,p) of what is public, where the observer's error covariance was E."""
+        """Return the gain (n,p) of the public observation, for the observer's error covariance E."""
         if not len(self.public_sensor):
             return np.zeros(self.cross.shape)
         read = self.public_covariance + self.public_sensor @ error @ self.public_sensor.T
@@ -72,7 +72,7 @@ class Moves:
         return np.asarray(found)
 
     def within(self, basis: Array) -> Moves:
-        """Return the same in coordinates of a subspace with the orthonormal basis (n,q), which no move leaves."""
+        """Return the dynamics in coordinates of an invariant subspace with the orthonormal basis (n,q)."""
         return Moves(
             basis.T @ self.transition @ basis,
             basis.T @ self.innovation @ basis,
@@ -82,7 +82,7 @@ class Moves:
         )
 
     def reached(self) -> Array:
-        """Return an orthonormal basis (n,q) of all that the belief can reach from a public start."""
+        """Return an orthonormal basis (n,q) of the subspace reachable from a public start."""
         basis = _range(self.innovation)
         while True:
             wider = _range(np.hstack([basis, self.transition @ basis]))

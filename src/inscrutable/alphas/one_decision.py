@@ -1,6 +1,6 @@
-"""One decision against the aware observer: the least mutual information and the largest error at an expected regret.
+"""One decision against the aware observer: the least mutual information, or the largest error, at an expected regret.
 
-Θ weighs errors by what they cost: deciding for m̂ instead of m costs (m̂ − m)'Θ(m̂ − m) more. With m ~ N(m̄, S), S = T T',
+Θ weighs errors by their cost: deciding for m̂ instead of m costs (m̂ − m)'Θ(m̂ − m) more. With m ~ N(m̄, S), S = T T',
 every rule leaves some E = T X T', 0 ⪯ X ⪯ I, at an expected regret of at least tr(T'ΘT X), and the Gaussian one attains it.
 """
 
@@ -15,26 +15,24 @@ from inscrutable.alphas.error_law import ErrorLaw, root_of, turned
 from inscrutable.validation import Array
 
 _LARGE = 500
-"""Directions above which prices are first searched in single precision: two decompositions of half the time, then one."""
+"""Number of directions above which the dual search starts in single precision, which halves its time."""
 _MOST_COARSE = 8
 _MOST_PRICES = 200
 _PART = 600
-"""Coordinates that give the first price: one or two decompositions of all of them are then enough, where the ratio of the
-traces needs three to seven."""
+"""Number of coordinates that give the first multiplier; one or two full decompositions are then enough, else three to seven."""
 _WINDOW = 30
-"""Directions on each side of zero that show how many cross it as the price moves."""
+"""Eigenvalues on each side of zero that estimate how many change sign with the multiplier."""
 
 
 def filled(costs: Array, limit: float, counts: Array | None = None) -> Array:
-    """Return the shares of variance left, shape (q,), at which decisions leak least: e_i = min(1, ν/λ_i) with Σ λ_i e_i the
-    limit.
+    """Return the remaining shares of variance of least leakage, shape (q,): e_i = min(1, ν/λ_i) with Σ λ_i e_i = limit.
 
-    Formula: reverse water-filling: the level ν is the cost of every direction that is revealed in part.
+    Formula: reverse water-filling: every partly revealed direction costs the level ν.
 
     Args:
-        costs: λ, the regret of hiding each direction whole, shape (q,), at least 0.
-        limit: The regret to be spent, at least 0; above the sum of the costs all is hidden.
-        counts: How many directions of a cost there are, shape (q,); None: one each.
+        costs: λ, the regret of hiding each direction completely, shape (q,), at least 0.
+        limit: The regret to spend, at least 0; above the sum of the costs everything is hidden.
+        counts: Multiplicity of each cost, shape (q,); None: one each.
 
     Source: Cover and Thomas, Elements of Information Theory (2006), theorem 10.3.3.
 
@@ -47,9 +45,11 @@ def filled(costs: Array, limit: float, counts: Array | None = None) -> Array:
         return np.ones(len(costs))
     order = np.argsort(costs)
     sorted_costs, sorted_counts = costs[order], many[order]
-    whole = np.concatenate([[0.0], np.cumsum(sorted_counts * sorted_costs)[:-1]])  # cost of all that are cheaper
+    whole = np.concatenate(
+        [[0.0], np.cumsum(sorted_counts * sorted_costs)[:-1]]
+    )  # total cost of all cheaper directions
     above = np.cumsum(sorted_counts[::-1])[::-1]
-    levels = (limit - whole) / above  # ν if this direction and all dearer ones are revealed in part
+    levels = (limit - whole) / above  # ν if this and all more costly directions are partly revealed
     told = levels < sorted_costs
     if not told.any():  # the limit misses the sum by rounding alone
         return np.ones(len(costs))
@@ -68,14 +68,14 @@ def least_information(theta: Array, prior_covariance: Array, limit: float) -> Er
 def most_error(theta: Array, prior_covariance: Array, weights: Array, limit: float) -> ErrorLaw:
     """Return the law of largest tr(QE) at tr(ΘE) ≤ limit, and of the fewest bits among these.
 
-    Formula: X = 1{T'(Q − μΘ)T ≻ 0}, and a part of its null space that spends the rest of the limit. Where T'QT and T'ΘT
-    commute the directions are the same for every μ, and one decomposition is enough.
+    Formula: X = 1{T'(Q − μΘ)T ≻ 0}, plus a part of the null space that spends the rest of the limit. Where T'QT and T'ΘT
+    commute, the directions do not depend on μ, and one decomposition is enough.
 
     Args:
         theta: Θ, shape (n,n).
         prior_covariance: S, shape (n,n).
         weights: Q, shape (n,n), positive semidefinite.
-        limit: The regret to be spent.
+        limit: The regret to spend.
     """
     root = root_of(prior_covariance)
     costs, gains = _inside(root[0], theta), _inside(root[0], weights)
@@ -88,7 +88,7 @@ def most_error(theta: Array, prior_covariance: Array, weights: Array, limit: flo
 
 
 def directions(basis: Array, theta: Array) -> tuple[Array, Array]:
-    """Return what it costs to hide each direction of T z whole, shape (q,), and the directions (q,q): T'ΘT diagonal."""
+    """Return the regrets (q,) of hiding each direction completely, and the directions (q,q), which diagonalise T'ΘT."""
     costs, turn = np.linalg.eigh(_inside(basis, theta))
     return _without_rounding(costs), turn
 
@@ -107,14 +107,14 @@ def _without_rounding(values: Array) -> Array:
 
 
 def _common(costs: Array, gains: Array) -> tuple[Array, Array, Array] | None:
-    """Directions in which both are diagonal, and both diagonals; None where there are none."""
+    """Return directions that diagonalise both matrices, and both diagonals; None where they do not commute."""
     sizes = [max(float(np.abs(each).max(initial=0.0)), np.finfo(float).tiny) for each in (costs, gains)]
-    # One vector tells matrices apart that do not commute, at the cost of no product of matrices.
+    # Test commutation on one vector, which needs no product of matrices.
     some = np.cos(np.arange(len(costs)) ** 2.0)
     apart = costs @ (gains @ some) - gains @ (costs @ some)
     if np.abs(apart).max(initial=0.0) > tolerances.COMMUTING * sizes[0] * sizes[1] * max(len(costs), 1):
         return None
-    # Eigenvectors of a sum in which the two do not cancel, for all but special weights.
+    # Eigenvectors of a generic weighted sum of the two.
     turn = np.linalg.eigh(costs / sizes[0] + np.sqrt(2.0) * gains / sizes[1])[1]
     found = []
     for matrix, size in zip((costs, gains), sizes, strict=True):
@@ -128,7 +128,7 @@ def _common(costs: Array, gains: Array) -> tuple[Array, Array, Array] | None:
 
 
 def _chosen(costs: Array, gains: Array, limit: float) -> Array:
-    """Shares of directions that are known: those of most gain a cost are left whole; equal ones are filled together."""
+    """Return the shares of known directions: those of largest gain per cost stay hidden; equal ones share the rest."""
     shares = np.zeros(len(costs))
     free = costs == 0.0
     shares[free] = 1.0
@@ -146,10 +146,11 @@ def _chosen(costs: Array, gains: Array, limit: float) -> Array:
 
 
 def _searched(costs: Array, gains: Array, limit: float) -> tuple[Array, Array]:
-    """Directions and shares at the price of regret at which the limit is met.
+    """Return directions and shares at the multiplier of regret that meets the limit.
 
-    Any price gives shares that spend the limit, and what they may lose against the best; the price ends where that is nothing.
-    Large matrices are searched in single precision, whose prices are near enough for one decomposition in double.
+    Any multiplier gives shares that spend the limit, and a bound of their loss; the search ends where the loss is negligible.
+    For large matrices the search is in single precision; its multiplier is accurate enough for one decomposition in double
+    precision.
     """
     if limit >= float(np.trace(costs)):
         return np.eye(len(costs)), np.ones(len(costs))
@@ -181,9 +182,9 @@ def _searched(costs: Array, gains: Array, limit: float) -> tuple[Array, Array]:
 
 
 def _filled_directions(values: Array, spending: Array, limit: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """Directions that are kept whole and those kept in part, so that the limit is spent, and what that loses at most.
+    """Return the fully and the partly hidden directions that spend the limit, and a bound of the loss.
 
-    Those of least worth are taken or left first; what is worth nothing is kept in part.
+    Directions of least |value| change first; directions of value zero are partly hidden.
     """
     near = np.sqrt(tolerances.SAME_PRICE) * (np.abs(values).max() + np.finfo(float).tiny)
     kept, tied = values > 0.0, np.abs(values) <= near
@@ -205,7 +206,7 @@ def _filled_directions(values: Array, spending: Array, limit: float) -> tuple[np
 def _next_price(
     price: float, spent: float, slope: float, limit: float, bracket: tuple[float, float]
 ) -> tuple[float, tuple[float, float]]:
-    """The price to try next, by the slope of log regret by log price, and what brackets the right one."""
+    """Return the next multiplier, by the slope of log regret in log multiplier, and the bracket."""
     low, high = bracket = (price, bracket[1]) if spent > limit else (bracket[0], price)
     if spent > 0.0 and slope < 0.0:
         guess = price * float(np.exp(np.clip(np.log(limit / spent) / slope, -3.0, 3.0)))
@@ -217,7 +218,7 @@ def _next_price(
 
 
 def _price_of_part(costs: Array, gains: Array, limit: float) -> float:
-    """The price for some of the coordinates, whose decomposition takes next to no time."""
+    """Return the multiplier for a subset of the coordinates, as a cheap first guess."""
     some = np.arange(0, len(costs), -(-len(costs) // _PART))
     paid, won = (each[np.ix_(some, some)].astype(np.float32) for each in (costs, gains))
     share = limit * float(np.trace(paid)) / float(np.trace(costs))
@@ -231,7 +232,7 @@ def _price_of_part(costs: Array, gains: Array, limit: float) -> float:
 
 
 def _spent(costs: NDArray[np.float32], gains: NDArray[np.float32], price: float) -> tuple[float, float]:
-    """The regret of the directions that are worth their price, and the slope of its logarithm by that of the price."""
+    """Return the regret of the directions of positive value, and the slope of its logarithm in that of the multiplier."""
     values, turn = eigh(gains - price * costs, overwrite_a=True, check_finite=False, driver="evd")
     place = int(np.searchsorted(values, 0.0))
     kept, rest = turn[:, place:], turn[:, :place]

@@ -1,4 +1,4 @@
-"""The fewest bits that decisions leak over time, or the largest error that they leave, at a mean regret a step.
+"""The least leakage over time, or the largest error, at a mean regret per step.
 
 With E the observer's error covariance after a decision and P(E) before the next one (`Moves.predicted`), the problems
 
@@ -9,9 +9,9 @@ are convex. At a price μ of regret the optimal E is a reverse water-filling of 
     Y = C + μΘ + A_L' D A_L,    P^{1/2} Y P^{1/2} = U diag(λ) U',    E = P^{1/2} U diag(min(1, 1/2λ)) U' P^{1/2},
     D = P^{−1/2} U diag(min(λ, ½)) U' P^{−1/2}    (what one unit of P costs later on),
 
-where C = 0 counts bits alone and C = −Q/ε counts bits at the price ε of an error. Its fixed point satisfies the conditions of
-optimality; Z = ½E⁻¹ − Y is the multiplier of E ⪯ P(E), so that every iterate gives a dual bound (`over_time_bound`). Source
-of the
+with C = 0 for bits alone and C = −Q/ε for errors plus bits at the price ε. The fixed point satisfies the conditions of
+optimality; Z = ½E⁻¹ − Y is the multiplier of E ⪯ P(E), so that every iterate gives a dual bound (`over_time_bound`). Source of
+the
 programme: Tanaka, Kim, Parrilo, Mitter, Semidefinite programming approach to Gaussian sequential rate-distortion trade-offs
 (IEEE Trans. AC 62, 2017), equations (13) and (18), here with W that may be singular and with public observations.
 """
@@ -33,20 +33,20 @@ from inscrutable.errors import SolverError
 from inscrutable.validation import Array
 
 _MOST_STEPS = 20_000
-_PATIENCE = 100  # steps in which a residual must halve
+_PATIENCE = 100  # steps within which a residual must halve
 _LEAST_STEP = 0.01
 _MOST_TRIALS = 60
 
 
 @dataclass(frozen=True, eq=False)
 class LongRun:
-    """What a stationary rule leaves, and what no rule exceeds.
+    """The figures of a stationary rule, and the bound for every causal rule.
 
     Args:
         law: The covariances before and after a decision.
-        regret: tr(ΘE), a step.
-        value: Bits a step, or tr(QE).
-        bound: No causal rule at this regret leaks fewer bits, or leaves a larger tr(QE).
+        regret: tr(ΘE), per step.
+        value: Bits per step, or tr(QE).
+        bound: Lower bound of the bits, or upper bound of tr(QE), of every causal rule at this regret.
     """
 
     law: ErrorLaw
@@ -56,7 +56,7 @@ class LongRun:
 
     @property
     def gap(self) -> float:
-        """How far the value is from the bound, as a share of the larger."""
+        """Difference of value and bound, as a share of the larger."""
         if self.value == self.bound:
             return 0.0
         return float(abs(self.value - self.bound) / max(abs(self.bound), abs(self.value)))
@@ -64,7 +64,7 @@ class LongRun:
 
 @dataclass(eq=False)
 class _Steps:
-    """Steps that are left for all prices together."""
+    """Number of steps left, for all multipliers together."""
 
     left: int
 
@@ -75,8 +75,8 @@ class _Goal:
     theta: Array
     limit: float
     steps: _Steps
-    weights: Array | None = None  # Q; None where bits count
-    unit: float = 1.0  # ε, what a nat costs in units of tr(QE)
+    weights: Array | None = None  # Q; None for bits
+    unit: float = 1.0  # ε, the price of a nat in units of tr(QE)
 
     def cost(self, price: float) -> Array:
         """C + μΘ, in nats."""
@@ -85,7 +85,7 @@ class _Goal:
 
 
 class _State(NamedTuple):
-    """A fixed point at a price of regret."""
+    """A fixed point at a multiplier of regret."""
 
     price: float
     regret: float
@@ -105,7 +105,7 @@ class _State(NamedTuple):
 
 
 def least_bits(moves: Moves, theta: Array, limit: float) -> LongRun:
-    """Return the stationary rule that leaks the fewest bits a step at tr(ΘE) ≤ limit, limit > 0.
+    """Return the stationary rule of fewest bits per step at tr(ΘE) ≤ limit, limit > 0.
 
     It ends after 20,000 steps of the iteration with the best rule so far and its bound.
 
@@ -133,17 +133,17 @@ def least_bits(moves: Moves, theta: Array, limit: float) -> LongRun:
 def most_error_over_time(moves: Moves, theta: Array, weights: Array, limit: float) -> LongRun:
     """Return the stationary rule that leaves the largest tr(QE) at tr(ΘE) ≤ limit, limit > 0.
 
-    Up to 120 signals it is found by an interior-point method. Where that has no point to begin at, and for more signals, it is
-    the limit of rules that trade bits against the error, at a price ε of bits of which all together are worth a millionth of
-    the error; all prices together take at most 20,000 steps. Where Q is a multiple of Θ all rules that spend the limit leave
-    the same, and the one of fewest bits is returned. Of ties in some directions alone the interior-point method returns some
-    rule, and prices of bits one that is near the fewest.
+    Up to 120 signals an interior-point method finds it. For more signals, or without an interior point to start from, the rule
+    maximises the error minus a price ε of bits, such that all bits together cost a millionth of the error; all multipliers
+    together take at most 20,000 steps. Where Q is a multiple of Θ, all rules that spend the limit leave the same error, and the
+    one of fewest bits is returned. For ties in some directions only, the interior-point method returns some optimal rule, the
+    price of bits one near the fewest bits.
 
     Raises:
         SolverError: Neither method converged, and the silence regret is infinite.
 
-    Cost: 100 signals take some 12 factors of matrices of 5,050 rows, 30 s; more than 120 some ten thousand
-        eigendecompositions of n×n matrices, 40,000 at most.
+    Cost: 100 signals take about 12 factorisations of matrices of 5,050 rows, 30 s; more than 120 signals take about ten
+    thousand eigendecompositions of n×n matrices, at most 40,000.
     """
     rate = float(np.sum(weights * theta) / np.sum(theta * theta))
     if np.abs(weights - rate * theta).max() <= tolerances.COMMUTING * np.abs(weights).max():
@@ -159,7 +159,7 @@ def _inside(moves: Moves, theta: Array, weights: Array, limit: float) -> LongRun
     error, price, multiplier = most_error_inside(moves, theta, weights, limit)
     bound = most_error_bound(moves, theta, weights, limit, error, price, multiplier)
     silence, regret = moves.silence(), float(np.sum(theta * error))
-    if silence is not None:  # what the method leaves unspent
+    if silence is not None:  # the part of the limit that the method leaves unspent
         error = error + (silence - error) * max(limit - regret, 0.0) / (float(np.sum(theta * silence)) - regret)
     law = law_between(root_of(moves.predicted(error)[0]), error)
     value = law.weighed(weights)
@@ -190,7 +190,7 @@ def _by_prices(moves: Moves, theta: Array, weights: Array, limit: float) -> Long
 
 
 def _part_of_silence(goal: _Goal) -> ErrorLaw:
-    """The law of the covariance of silence, made smaller until it spends the limit: with E any part of E is a rule."""
+    """Return the silent covariance scaled down until it spends the limit; a scaled-down feasible E is feasible."""
     silence = goal.moves.silence()
     if silence is None:
         raise _unsettled(goal)
@@ -206,7 +206,7 @@ def _silent_part_with_error(goal: _Goal) -> LongRun:
 
 
 def _with_error(goal: _Goal, low: _State, high: _State) -> LongRun:
-    """The mixture of two fixed points, and the better of their bounds."""
+    """Return the mixture of two fixed points, and the better of their bounds."""
     assert goal.weights is not None
     law = _mixed(goal, low, high)
     value, limit = law.weighed(goal.weights), goal.limit
@@ -226,7 +226,7 @@ def _with_error(goal: _Goal, low: _State, high: _State) -> LongRun:
 
 
 def told_exactly(moves: Moves, theta: Array, weights: Array | None = None) -> LongRun:
-    """Return the stationary rule that costs no regret: it shows all that Θ weighs, and nothing else of the belief."""
+    """Return the stationary rule of zero regret: it reveals the range of Θ and nothing else of the belief."""
     rows = root_of(theta)[0].T
     before, law = moves.innovation, None
     for _ in range(_MOST_STEPS):
@@ -254,7 +254,7 @@ def _unsettled(goal: _Goal) -> SolverError:
 
 
 def _settled(goal: _Goal, price: float, before: Array, ahead: Array, most: int) -> _State | None:
-    """The fixed point at a price, from P and D."""
+    """Return the fixed point at a multiplier, starting from P and D."""
     cost, step, best = goal.cost(price), 1.0, np.inf
     moved, most_size = goal.moves.predicted(before)[1], np.trace(before) / tolerances.NO_VARIANCE
     for count in range(min(most, goal.steps.left)):
@@ -267,7 +267,7 @@ def _settled(goal: _Goal, price: float, before: Array, ahead: Array, most: int) 
         shares = np.where(levels > 0.5, 0.5 / np.maximum(levels, 0.5), 1.0)
         error = (basis * shares) @ basis.T
         after, moved = goal.moves.predicted(error)
-        if not np.trace(after) < most_size:  # the price is too low for a belief that has no stationary law
+        if not np.trace(after) < most_size:  # the multiplier is too low for a belief without a stationary law
             return None
         onwards = (dual.T * np.minimum(levels, 0.5)) @ dual
         apart = np.abs(inverse @ (after - before) @ inverse).max() + np.abs(
@@ -277,14 +277,14 @@ def _settled(goal: _Goal, price: float, before: Array, ahead: Array, most: int) 
             regret = float(np.sum(goal.theta * error))
             return _State(price, regret, error, after, onwards, levels, dual)
         if (count + 1) % _PATIENCE == 0:
-            # Two scales of time settle where one goes back and forth: values ahead then move more slowly than covariances.
+            # Damping against oscillation: the dual D then moves more slowly than the covariance P.
             step, best = (max(0.4 * step, _LEAST_STEP) if apart > 0.5 * best else step), min(best, apart)
         before, ahead = after, ahead + step * (onwards - ahead)
-    return None  # it goes back and forth: the optimum nearly jumps at this price
+    return None  # the iteration oscillates: the optimum is nearly discontinuous at this multiplier
 
 
 def _first(goal: _Goal, price: float, before: Array, ahead: Array) -> _State:
-    """A fixed point at a price or above: below some price there may be none, where the belief has no stationary law."""
+    """Return a fixed point at a multiplier or above: below some multiplier a belief without a stationary law has none."""
     for _ in range(_MOST_TRIALS if goal.steps.left else 0):
         found = _settled(goal, price, before, ahead, 50 * _PATIENCE)
         if found is not None:
@@ -294,7 +294,7 @@ def _first(goal: _Goal, price: float, before: Array, ahead: Array) -> _State:
 
 
 def _ends(goal: _Goal, first: _State, factor: float, near: float = tolerances.REGRET_SPENT) -> tuple[_State, _State]:
-    """Fixed points of regrets at or above and at or below the limit, as near to it as they come; one where it is met."""
+    """Return the nearest fixed points with regrets above and below the limit, or one that meets it."""
     low, high = (first, None) if first.regret > goal.limit else (None, first)
     price, state, least = first.price, first, 0.0
     for _ in range(_MOST_TRIALS):
@@ -319,7 +319,7 @@ def _ends(goal: _Goal, first: _State, factor: float, near: float = tolerances.RE
         met = [each for each in (high, low) if abs(each.regret - goal.limit) <= near * goal.limit]
         if met:
             return met[0], met[0]
-        lost = (1.0 - low.price / high.price) * (low.regret - high.regret)  # what a mixture of the two may lose
+        lost = (1.0 - low.price / high.price) * (low.regret - high.regret)  # a bound of the loss of their mixture
         if lost <= tolerances.MIXTURE_LOSS * goal.limit:
             break
         inner = _between(goal, low, high, count)
@@ -330,7 +330,7 @@ def _ends(goal: _Goal, first: _State, factor: float, near: float = tolerances.RE
 
 
 def _between(goal: _Goal, low: _State, high: _State, count: int) -> _State | None:
-    """A fixed point at a price between two; None where prices that were tried have none."""
+    """Return a fixed point at a multiplier between two; None where none was found."""
     width = np.log(high.price / low.price)
     apart = np.log(low.regret / goal.limit) / np.log(low.regret / max(high.regret, np.finfo(float).tiny))
     first = 0.5 if count % 3 == 2 else float(np.clip(apart, 0.02, 0.98))
@@ -343,7 +343,7 @@ def _between(goal: _Goal, low: _State, high: _State, count: int) -> _State | Non
 
 
 def _mixed(goal: _Goal, low: _State, high: _State) -> ErrorLaw:
-    """The law of a mixture of two errors that spends the limit, or of a part of one that exceeds it."""
+    """Return the law of the mixture of two errors that spends the limit, or of a part of one that exceeds it."""
     if low is high:
         error = low.error * min(1.0, goal.limit / max(low.regret, np.finfo(float).tiny))
     else:

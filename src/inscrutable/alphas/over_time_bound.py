@@ -1,9 +1,9 @@
 """Dual bounds of the programmes over time: bounds for every causal rule, from any multiplier Z ⪰ 0 of E ⪯ P(E).
 
 P(E) is concave, so that E ⪯ P(E) implies E ⪯ A_L E A_L' + W_L with A_L and W_L taken at any E₀; a convex cost is at least
-its tangent at E₀. What is left is linear in E: with μ ≥ 0 and R = ∇ + μΘ + Z − A_L' Z A_L ⪰ 0 its least value is −μr −
-tr(Z W_L) and a constant. Where R misses by rounding, −R₋ is made up for by more Z (a Stein equation) or by more μ,
-whichever costs less.
+its tangent at E₀. The rest is linear in E: with μ ≥ 0 and R = ∇ + μΘ + Z − A_L' Z A_L ⪰ 0 its least value is −μr − tr(Z W_L)
+plus a constant. Where R is indefinite by rounding, a larger Z (a Stein equation) or a larger μ compensates for R₋, whichever
+costs less.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from inscrutable.validation import Array
 
 
 def least_bits_bound(moves: Moves, theta: Array, limit: float, error: Array, price: float, multiplier: Array) -> float:
-    """Return a lower bound of the bits a step of every causal rule with tr(ΘE) ≤ limit.
+    """Return a lower bound of the bits per step of every causal rule with tr(ΘE) ≤ limit.
 
     Args:
-        moves: How the belief moves.
+        moves: The dynamics of the belief.
         theta: Θ, shape (n,n).
         limit: r.
         error: E₀ ≻ 0, shape (n,n), near the optimum.
-        price: μ, in nats a unit of regret.
+        price: μ, in nats per unit of regret.
         multiplier: Z ⪰ 0, shape (n,n).
     """
     before, moved = moves.predicted(error)
@@ -53,7 +53,7 @@ def _log_size(matrix: Array) -> float:
 
 
 def _made_up(missing: Array, moved: Array, rest: Array, theta: Array, limit: float) -> float:
-    """By how much the bound falls when R is made positive semidefinite; infinite where neither way exists."""
+    """Return the loss of the bound by making R positive semidefinite; infinite where neither way exists."""
     values, vectors = np.linalg.eigh(0.5 * (missing + missing.T))
     lost = (vectors * np.maximum(-values, 0.0)) @ vectors.T
     if not lost.any():

@@ -1,4 +1,4 @@
-"""The error, leakage and cost of a rule on private means: of one decision, or a step of many."""
+"""The error, leakage and regret of a rule on private means, for one decision or per step."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from inscrutable.validation import Array
 
 @saved_choice
 class AlphaStatus(Enum):
-    """How a rule on private means was found, and its distance from the best one.
+    """Whether a rule on private means is optimal.
 
     Example:
         >>> AlphaStatus.SILENT.value
@@ -34,7 +34,7 @@ class AlphaStatus(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A rule's law and figures, a step.
+    """A rule's law and its figures per step.
 
     Args:
         law: Covariances before and after a decision.
@@ -81,14 +81,14 @@ def plan_over_time(moves: Moves, theta: Array, limit: float, weights: Array, is_
 
 
 def silent_plan(silence: Array, theta: Array, weights: Array, is_error: bool) -> Plan:
-    """Return the plan that reveals nothing: E is the error of an observer who sees no decision."""
+    """Return the silent plan: E is the error covariance of an observer without decisions."""
     law = law_between(root_of(silence), silence)
     error = law.weighed(weights)
     return Plan(law, law.weighed(theta), 0.0, error, error if is_error else 0.0)
 
 
 def gap_of(plan: Plan, is_error: bool) -> float:
-    """Return how far a plan's figure is from its bound, as a share of the larger."""
+    """Return the difference of a plan's figure and its bound, as a share of the larger."""
     value = plan.error if is_error else plan.bits
     if value == plan.ceiling:
         return 0.0
@@ -96,5 +96,5 @@ def gap_of(plan: Plan, is_error: bool) -> float:
 
 
 def is_met(gap: float) -> bool:
-    """Whether a gap counts as none."""
+    """Return whether a gap counts as zero."""
     return gap <= tolerances.OVER_TIME_GAP

@@ -1,7 +1,7 @@
-"""Quadratic programmes whose matrix is known by its solves alone: an interior-point method, ended on its active set.
+"""Quadratic programmes with a matrix known through its solves: an interior-point method, finished on the active set.
 
-min γ u'V u − a'u over bounds, general rows and equalities. Each step solves with V and a diagonal, so that factors stay
-factors; on the active set the conditions of optimality are then solved directly, to a few roundings.
+min γ u'V u − a'u over bounds, general rows and equalities. Each step solves with V plus a diagonal, which keeps the factor
+structure; on the active set the conditions of optimality are then solved directly, to rounding accuracy.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from inscrutable.validation import Array
 _MOST_STEPS = 100
 _MOST_SETS = 30
 _LOST = 1e12
-"""A residual, relative to the scale, from which no step comes back."""
+"""Relative residual above which the iteration has diverged."""
 _TO_BORDER = 0.995
-"""Share of the way to the border that a step may go."""
+"""Largest step, as a share of the distance to the boundary."""
 
 
 class _Point(NamedTuple):
@@ -59,14 +59,14 @@ class RiskProgramme:
 
     @property
     def _middle(self) -> Array:
-        """A decision between the bounds, and not zero where there are none."""
+        """Return a decision strictly between the bounds, and nonzero where there are none."""
         lower, upper = self.layout.lower, self.layout.upper
         with np.errstate(invalid="ignore"):
             middle = 0.5 * (lower + upper)
         return np.where(np.isfinite(middle), middle, np.clip(1.0 / lower.size, lower, upper))
 
     def _without(self, fixed: np.ndarray) -> RiskProgramme:
-        """The programme in the coordinates that may move."""
+        """Return the programme in the free coordinates."""
         free, held = np.flatnonzero(~fixed), self.layout.lower[fixed]
         rows = self.layout
         return RiskProgramme(
@@ -83,7 +83,7 @@ class RiskProgramme:
         )
 
     def solved_with(self, alphas: Array, fixed: np.ndarray, values: Array, whole: RiskProgramme) -> Array:
-        """Return the whole programme's minimiser, given which coordinates are fixed at which values."""
+        """Return the minimiser of the full programme with some coordinates fixed at values."""
         u = np.where(fixed, values, 0.0)
         if not fixed.all():
             pulled = alphas - 2.0 * whole.risk_aversion * whole.risk.times(u)
@@ -145,7 +145,7 @@ class RiskProgramme:
         curved: tuple[Risk, Array, Array],
         bounds: _Bounds,
     ) -> _Point:
-        """Newton's step to the given products of slacks and multipliers less themselves."""
+        """Return Newton's step for given residuals and complementarity products."""
         (slope, room, off), (risk, rows, solved) = residuals, curved
         n_equal, n_bounds = len(off), bounds.n_bounds
         asked = (products + point.duals * room) / point.slacks
@@ -162,7 +162,7 @@ class RiskProgramme:
         return _Point(u, slacks, -(products + point.duals * slacks) / point.slacks, found[:n_equal])
 
     def _on_active_set(self, alphas: Array, point: _Point, scale: float) -> Array:
-        """The minimiser on the set of tight rows that the point shows, corrected until its conditions hold."""
+        """Return the minimiser on the active set suggested by the point, corrected until the KKT conditions hold."""
         layout, bounds = self.layout, _bounds(self.layout)
         tight = point.duals / scale > point.slacks
         for _ in range(_MOST_SETS):
@@ -182,7 +182,7 @@ class RiskProgramme:
         return np.clip(point.u, layout.lower, layout.upper)
 
     def _with_tight(self, alphas: Array, tight: np.ndarray, bounds: _Bounds) -> tuple[Array, Array] | None:
-        """Decision and multipliers of inequalities where the tight inequalities are equalities."""
+        """Return the decision and the multipliers, with active inequalities as equalities."""
         layout, double = self.layout, 2.0 * self.risk_aversion
         held, values = bounds.held(tight, layout)
         if (held > 1).any():
@@ -227,7 +227,7 @@ class _Bounds(NamedTuple):
         return np.concatenate([step[self.lower], -step[self.upper], -(layout.general @ step)])
 
     def onto(self, values: Array, n: int) -> Array:
-        """Sums per coordinate of what belongs to its bounds."""
+        """Return the sums per coordinate of values at its bounds."""
         total = np.zeros(n)
         total[self.lower] += values[: len(self.lower)]
         total[self.upper] += values[len(self.lower) : self.n_bounds]
@@ -244,7 +244,7 @@ class _Bounds(NamedTuple):
         return np.asarray(layout.general.T @ duals[self.n_bounds :] - self.signed(duals, len(layout.lower)))
 
     def held(self, tight: np.ndarray, layout: Layout) -> tuple[np.ndarray, Array]:
-        """How many tight bounds each coordinate has, and its value there."""
+        """Return the number of active bounds of each coordinate, and its value there."""
         count = np.asarray(self.onto(tight.astype(np.float64), len(layout.lower)))
         low, high = self.lower[tight[: len(self.lower)]], self.upper[tight[len(self.lower) : self.n_bounds]]
         values = np.zeros(len(layout.lower))
@@ -252,7 +252,7 @@ class _Bounds(NamedTuple):
         return count, values
 
     def read(self, slope: Array, n_general: int) -> Array:
-        """Multipliers of bounds that a slope (n,) of the cost asks for; zero for general rows."""
+        """Return the multipliers of bounds for a gradient (n,) of the cost; zero for general rows."""
         return np.concatenate([slope[self.lower], -slope[self.upper], np.zeros(n_general)])
 
 
@@ -261,12 +261,12 @@ def _bounds(layout: Layout) -> _Bounds:
 
 
 def _reach(point: _Point, step: _Point, most: float) -> float:
-    """The longest step, at most one, that keeps slacks and multipliers above zero."""
+    """Return the longest step, at most one, that keeps slacks and multipliers positive."""
     longest = 1.0
     for now, move in ((point.slacks, step.slacks), (point.duals, step.duals)):
         falling = move < 0
         if falling.any():
-            with np.errstate(over="ignore"):  # a step of next to nothing is as long as it may be
+            with np.errstate(over="ignore"):  # a negligible component does not limit the step
                 reached = -now[falling] / move[falling]
             longest = min(longest, most * float(reached.min()))
     return longest

@@ -1,4 +1,4 @@
-"""Covariances of assets: a matrix, or factors whose product is never formed."""
+"""Covariances of assets: a matrix, or a factor model that is never multiplied out."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _COVARIANCE = "a covariance has no negative eigenvalue"
 
 
 class Risk(ABC):
-    """A covariance V (n,n) of assets as the operations it offers; columns of (n,m) arrays are taken one by one."""
+    """The interface of a covariance V (n,n) of assets; operations apply to the columns of (n,m) arrays."""
 
     names: Names | None
-    """Labels of the assets where known."""
+    """Labels of the assets, where known."""
 
     @property
     @abstractmethod
@@ -143,7 +143,7 @@ class DenseRisk(Risk):
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class FactorRisk(Risk):
-    """The covariance of n assets by k factors and specific variances, as a product that is never formed.
+    """The covariance of n assets by k factors and specific variances, which is never multiplied out.
 
     Formula: V = F Ω F' + D; V⁻¹ = D⁻¹ − D⁻¹L (I + L'D⁻¹L)⁻¹ L'D⁻¹ with L = F Ω^{1/2}.
 
@@ -201,14 +201,14 @@ class FactorRisk(Risk):
 
     @classmethod
     def from_returns(cls, returns: ArrayLike, n_factors: int) -> FactorRisk:
-        """Return the covariance that the first principal components of returns make, with what they leave of each variance.
+        """Return the covariance of the first principal components of returns, plus the remaining variance of each asset.
 
         Args:
             returns: Shape (T,n), return per period; columns of a table name the assets.
             n_factors: k, from 0 to the smaller of T − 1 and n.
 
         Raises:
-            InputError: An entry is not finite, fewer than two rows, or another number of factors.
+            InputError: An entry is not finite, there are fewer than two rows, or `n_factors` is out of range.
 
         Cost: O(T n min(T, n)); the sample covariance is not formed. Source: the principal-factor method.
 
@@ -287,7 +287,7 @@ class FactorRisk(Risk):
         return _of(np.hstack([self.root, columns]), self.specific + variances)
 
     def dense(self) -> Array:
-        """Return V as a matrix (n,n); nothing else forms it."""
+        """Return V as a matrix (n,n), formed on demand only."""
         return np.asarray(self.root @ self.root.T + np.diag(self.specific))
 
     def __repr__(self) -> str:
@@ -295,7 +295,7 @@ class FactorRisk(Risk):
 
 
 def _of(root: Array, specific: Array) -> FactorRisk:
-    """The covariance L L' + D, from arrays that are known to be right."""
+    """Return the covariance L L' + D, from valid arrays."""
     found = object.__new__(FactorRisk)
     kept = {"exposures": root, "factor_covariance": np.eye(root.shape[1]), "specific": specific, "root": root}
     vars(found).update(kept, names=None, factor_names=None)
@@ -306,8 +306,8 @@ def as_risk(given: Any) -> Risk:
     """Return a covariance of assets from a matrix or a `FactorRisk`.
 
     Raises:
-        InputError: It is no square matrix of finite numbers, or not symmetric.
-        ModelError: It is indefinite; its smallest eigenvalue is named.
+        InputError: `given` is not a symmetric matrix of finite numbers.
+        ModelError: `given` is indefinite; the message states its smallest eigenvalue.
     """
     if isinstance(given, Risk):
         return given

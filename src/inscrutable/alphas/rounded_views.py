@@ -1,7 +1,7 @@
-"""Expected returns implied by rounded weights: an outer interval, and membership by solving forward.
+"""Expected returns implied by rounded weights: outer intervals, and membership by a forward solve.
 
-The views that explain some weights w within half a digit are a union of polyhedra, one for each set of tight rows. What is
-bounded is larger and convex: every w of the cell together with every multiplier of a row that some w of the cell makes tight.
+The views that explain some weights w within half a digit are a union of polyhedra, one per active set. The intervals bound a
+larger convex set: every w of the rounding cell with every multiplier of a row that is active at some w of the cell.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ _BLOCK = 500_000
 
 
 class RoundedViews(ViewSet):
-    """Views m whose best decision is rounded to the weights that are shown.
+    """Views m whose optimal decision rounds to the published weights.
 
     Args:
         problem: The decision problem.
-        weights: u, shape (n,), as shown.
-        digits: Digits after the point; what was decided is within half of the last one.
+        weights: u, shape (n,), as published.
+        digits: Digits after the point; the decision is within half a unit of the last one.
     """
 
     def __init__(self, problem: AlphaProblem, weights: Array, digits: int) -> None:
@@ -37,7 +37,7 @@ class RoundedViews(ViewSet):
         layout, n = problem.layout, problem.n_assets
         lower, upper = (np.full(n, -np.inf), np.full(n, np.inf)) if layout is None else (layout.lower, layout.upper)
         self.low, self.high = np.maximum(weights - self.half, lower), np.minimum(weights + self.half, upper)
-        self._at_low, self._at_high = self.low <= lower, self.high >= upper  # may be tight
+        self._at_low, self._at_high = self.low <= lower, self.high >= upper  # may be active
         general = np.zeros((0, n)) if layout is None else layout.general
         most = np.maximum(general * self.low, general * self.high).sum(axis=1)
         self._tight = general[most >= layout.sides] if layout is not None else general
@@ -58,12 +58,12 @@ class RoundedViews(ViewSet):
 
     @property
     def dimension(self) -> int:
-        """That of the signals, −1 where no decision of C is rounded to the weights."""
+        """The number of signals; −1 where no decision of C rounds to the weights."""
         return self.problem.n_signals if self._is_possible else -1
 
     @property
     def gap(self) -> float:
-        """Not known, because the decision that was rounded is not."""
+        """NaN: the unrounded decision is not known."""
         return 0.0 if self._is_possible else np.inf
 
     def signal_bounds(self, reference: Array | None, wanted: np.ndarray) -> Array:
@@ -73,8 +73,7 @@ class RoundedViews(ViewSet):
         return self._lifted(np.eye(self.problem.n_signals)[wanted])
 
     def asset_bounds(self, reference: Array | None, wanted: np.ndarray) -> Array:
-        """Return an interval around every (Bm)_i − ρ'Bm: sorted greedily for bounds and one budget row, else by two linear
-        programmes."""
+        """Return an interval around every (Bm)_i − ρ'Bm: greedy for bounds and one budget row, else two linear programmes."""
         loads, n = self.problem.loadings, self.problem.n_assets
         if loads is not None:
             return self._lifted(loads[wanted] - (0.0 if reference is None else reference @ loads))
@@ -101,7 +100,7 @@ class RoundedViews(ViewSet):
         return found
 
     def _endless(self, directions: Array) -> np.ndarray:
-        """Which directions (n,q) some multiplier moves without end."""
+        """Return which directions (n,q) are unbounded through some multiplier."""
         small = tolerances.ON_FACE
         rows = self.problem.equalities[0]
         ends = ((directions < -small) & self._at_low[:, None]).any(axis=0)
@@ -112,7 +111,7 @@ class RoundedViews(ViewSet):
         )
 
     def _greatest(self, slopes: Array) -> Array:
-        """The greatest g'w over the cell, for the rows g (q,n)."""
+        """Return the greatest g'w over the cell, for rows g (q,n)."""
         layout = self.problem.layout
         rows, sides = self.problem.equalities
         if layout is None or (not len(layout.sides) and not len(rows)):
@@ -123,14 +122,14 @@ class RoundedViews(ViewSet):
         return np.array([-minimise(-slope, below, exact, self._cell).value for slope in slopes])
 
     def _filled(self, slopes: Array, total: float) -> Array:
-        """The same where the weights sum to a total: what is above the least goes to the greatest slopes first."""
+        """Return the same where the weights sum to a total: the excess goes to the greatest slopes first."""
         order = np.argsort(-slopes, axis=1)
         room = (self.high - self.low)[order]
         taken = np.clip(total - self.low.sum() - (np.cumsum(room, axis=1) - room), 0.0, room)
         return np.asarray(slopes @ self.low + (np.take_along_axis(slopes, order, axis=1) * taken).sum(axis=1))
 
     def _lifted(self, directions: Array) -> Array:
-        """Bounds by linear programmes over views, weights, factors' weights and multipliers: V is not formed."""
+        """Return bounds by linear programmes over views, weights, factor weights and multipliers, without forming V."""
         found = np.full((len(directions), 2), np.nan)
         if not self._is_possible:
             return found
@@ -174,12 +173,12 @@ class RoundedViews(ViewSet):
         return equal, below, bounds, scale
 
     def nearest(self, mean: Array) -> Array:
-        """Refused: the views are a union of polyhedra."""
+        """Raise `InputError`: the views are a union of polyhedra."""
         raise InputError(
             "the views behind rounded weights are a union of polyhedra, whose nearest member is not computed: ask `contains` "
             "or `bounds`, or read the weights within a regret"
         )
 
     def contains(self, mean: Array) -> bool:
-        """Return whether the best decision for a mean is rounded to the weights, by solving forward."""
+        """Return whether the optimal decision for a mean rounds to the weights, by a forward solve."""
         return bool(np.abs(self.problem.optimum(mean) - self.weights).max() <= self.half)

@@ -1,4 +1,4 @@
-"""Decisions about a private mean, one after the other, and the Kalman filter of the aware observer."""
+"""Sequential decisions about a private mean, and the Kalman filter of the aware observer."""
 
 from __future__ import annotations
 
@@ -28,11 +28,10 @@ class AlphaDraw(Saved):
     """A drawn decision about a private mean.
 
     Args:
-        action: u, shape (n,), what to hold.
+        action: u, shape (n,), the weights to hold.
         estimate: m̂, shape (k,), the aware observer's mean after the decision.
-        regret: What it costs beyond the best decision for the mean; with trading costs its part in the long run, (m̂ −
-            m)'Θ(m̂ − m).
-        status: How far the rule is from the best one.
+        regret: Its regret for the mean; with trading costs the long-run cost (m̂ − m)'Θ(m̂ − m).
+        status: Whether the rule is optimal, up to its gap.
 
     Example:
         >>> one = AlphaDraw(np.array([0.1]), np.array([0.02]), 0.0, AlphaStatus.OPTIMAL)
@@ -57,8 +56,8 @@ class AlphaPath(Saved):
         actions: u_t, shape (T,n).
         estimates: m̂_t, the observer's mean after each decision, shape (T,k).
         predictions: m̂_t⁻, its mean before it, shape (T,k).
-        regrets: What each decision cost, shape (T,).
-        bits: Leakage of each by the observer's law, shape (T,): the first ones differ from the long run.
+        regrets: Regret of each decision, shape (T,).
+        bits: Leakage of each decision by the observer's law, shape (T,); the first ones differ from the long run.
 
     Example:
         >>> zero = np.zeros((2, 1))
@@ -77,7 +76,7 @@ class AlphaPath(Saved):
 
 
 class PreparedAlphas(Protocol):
-    """What a sequence needs of its decision maker."""
+    """The interface that a sequence needs of its decision maker."""
 
     problem: AlphaProblem
     world: LinearGaussianWorld | None
@@ -90,11 +89,11 @@ class PreparedAlphas(Protocol):
 
     @property
     def status(self) -> AlphaStatus:
-        """How far the rule is from the best one."""
+        """Whether the rule is optimal, up to its gap."""
 
     @property
     def moves(self) -> Moves:
-        """How the mean moves."""
+        """The dynamics of the mean."""
 
     @property
     def silence(self) -> Array | None:
@@ -108,10 +107,10 @@ class PreparedAlphas(Protocol):
 class AlphaSequence(KeptInFile):
     """Decisions about a private mean, one after the other; `AlphaDecisionMaker.begin` makes it.
 
-    At every step `decide` draws a decision, any number of times; `publish` records the one that was seen. Time passes with
-    `observe`, which takes the public observation where the world has a public sensor, or with the next `decide`. The law of a
-    decision given the mean is the same at every step. The observer's covariance starts at that of silence, where there is one,
-    else at the rule's own, and converges to the latter.
+    At every step `decide` draws a decision, any number of times; `publish` records the published one. `observe`, or the next
+    `decide`, ends the step; `observe` takes the public observation of a world with a public sensor. The law of a decision given
+    the mean is the same at every step. The observer's covariance starts at the silent one where that exists, else at the rule's
+    own, and converges to the latter.
 
     Example:
         >>> from inscrutable.alphas.decision_maker import AlphaDecisionMaker
@@ -150,7 +149,7 @@ class AlphaSequence(KeptInFile):
 
     @property
     def expected_regret(self) -> float:
-        """tr(ΘE_t), what this step's decision costs on average; with inequalities at most that."""
+        """tr(ΘE_t), the mean regret of this step's decision; with inequalities an upper bound of it."""
         return self._expected(self._law)[0]
 
     @property
@@ -159,7 +158,7 @@ class AlphaSequence(KeptInFile):
         return self._expected(self._law)[1]
 
     def upcoming(self) -> tuple[float, float]:
-        """Return the mean regret and the bits of the next decision: this step's, or the next one's where it is published."""
+        """Return the mean regret and the bits of the next decision to publish."""
         return self._expected(self._next_law() if self._published else self._law)
 
     def _expected(self, law: Any) -> tuple[float, float]:
@@ -203,7 +202,7 @@ class AlphaSequence(KeptInFile):
         """Record the decision of this step, drawn by `decide`, which is then public.
 
         Raises:
-            InputError: It is no decision on this problem.
+            InputError: `decision` is not a decision of this problem.
         """
         if not isinstance(decision, AlphaDraw):
             raise InputError(f"publish takes what decide drew, an AlphaDraw, got {decision!r}")
@@ -218,7 +217,7 @@ class AlphaSequence(KeptInFile):
     def observe(self, public: ArrayLike | None = None) -> None:
         """End the step with the public observation `public`, (q,): None where the world has no public sensor.
 
-        Without a decision before it the step passes untold.
+        Without a decision before it, the step ends without one.
 
         Raises:
             InputError: The public observation is missing, not expected or of another length.
@@ -247,7 +246,7 @@ class AlphaSequence(KeptInFile):
         return np.asarray(self._law.covariance if self._published else self._law.before)
 
     def _next_law(self) -> Any:
-        """The law of the step after this one: its public observation moves the mean, not the covariances."""
+        """Return the law of the next step: its public observation changes the mean, not the covariances."""
         if self._is_fresh or (self._published and self._is_settled):
             return self._law
         assert self._sensor is not None
@@ -285,9 +284,9 @@ class AlphaSequence(KeptInFile):
         )
 
     def save(self, path: PathLike) -> None:
-        """Write the public state to `path`, whole or not at all, and keep other processes from it until `close`.
+        """Write the public state to `path` atomically, and lock the file until `close`.
 
-        No private mean is written, and no generator or seed; the rule's own law is, so that it stays what it was.
+        The file contains no private mean, generator or seed; it contains the rule's law, which stays fixed.
 
         Raises:
             InputError: The file cannot be written, or another process uses it.
@@ -299,10 +298,10 @@ class AlphaSequence(KeptInFile):
         ).save(path)  # fmt: skip
 
     def load(self, path: PathLike) -> Self:
-        """Go on where the sequence saved at `path` stood, and keep other processes from it until `close`.
+        """Resume the sequence saved at `path`, and lock the file until `close`.
 
         Raises:
-            InputError: The file is missing, damaged or of another rule, or another process uses it; all stays as it is.
+            InputError: The file is missing, damaged or of another rule, or another process uses it; nothing changes.
         """
         found = self._read(path, lambda: AlphaState.load(path).checked(self._signature(), path))
         self.mean, self.latest, self._published = np.array(found.mean), found.latest, found.is_published
@@ -315,11 +314,11 @@ class AlphaSequence(KeptInFile):
         return self
 
     def _kept(self) -> Array | None:
-        """P before the step's decision where it is not the rule's own."""
+        """Return P before the step's decision, where it is not the rule's own."""
         return None if self._is_settled else self._law.before
 
     def _signature(self) -> tuple[Array, ...]:
-        """What the rule is of: the problem, the law of the means, and its regret and leakage."""
+        """Return what identifies the rule: the problem, the law of the means, its regret and its leakage."""
         plan, start = self._plan, self._maker.start_mean
         common = (*arrays_of(self._problem), start, np.array([plan.regret, plan.bits, plan.error]))
         if self._is_fresh and not isinstance(plan.law, ErrorLaw):

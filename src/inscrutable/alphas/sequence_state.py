@@ -1,4 +1,4 @@
-"""What a sequence of decisions about a private mean remembers, as a file."""
+"""The saved state of a sequence of decisions about a private mean."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ VERSION = 2
 
 @dataclass(frozen=True, eq=False)
 class AlphaState(Saved):
-    """What is saved of a sequence: no private mean, no generator and no seed. The aware observer can compute all of it.
+    """The saved state of a sequence, without private mean, generator or seed. The aware observer can compute all of it.
 
     Args:
-        rule: What the rule is of; a file goes on under the same rule alone, so that what it is of stays frozen.
+        rule: What identifies the rule; a file continues under the same rule only.
         mean: The observer's mean, (k,).
-        before: P before the step's decision, (k,k); None where it is the rule's own.
+        before: P before the step's decision, (k,k); None: the rule's own.
         is_published: Whether the step's decision is published.
-        n_published: Decisions published.
-        n_steps: Steps passed.
-        regret: Of all decisions, by the observer's law.
-        bits: That they told.
+        n_published: Number of published decisions.
+        n_steps: Number of past steps.
+        regret: Total expected regret of all decisions, by the observer's law.
+        bits: Total bits that they leaked, by the observer's law.
         latest: The last decision, (n,), or None.
-        version: Of the file.
+        version: Version of the file.
     """
 
     rule: tuple[Array, ...]
@@ -52,7 +52,7 @@ class AlphaState(Saved):
         validation.finite_array(self.mean, "mean", ndim=1)
 
     def checked(self, rule: tuple[Array, ...], path: PathLike) -> AlphaState:
-        """Return this, or raise `InputError` where the rule is another than that of the file."""
+        """Return this state, or raise `InputError` where `rule` differs from the file's."""
         same = len(rule) == len(self.rule) and all(map(_agree, rule, self.rule))
         if not same:
             raise InputError(
@@ -64,10 +64,10 @@ class AlphaState(Saved):
 
 
 def arrays_of(problem: AlphaProblem) -> tuple[Array, ...]:
-    """Return what distinguishes a problem from others: risk, risk aversion, trading cost, loadings and limits.
+    """Return arrays that identify a problem: risk, risk aversion, trading cost, loadings and limits.
 
-    Factors of one risk differ between machines by their signs, so that a risk is compared by its variances and by V x for one
-    x, whose entries are all different: distinct covariances that agree in both are exceptions.
+    The signs of a risk's factors differ between machines; a risk is therefore compared by its variances and by V x for one x
+    with distinct entries, in which distinct covariances rarely agree.
     """
     risk, layout = problem.risk, problem.layout
     direction = 0.5 + np.modf(np.arange(risk.n_assets) * 0.5 * (np.sqrt(5.0) - 1.0))[0]

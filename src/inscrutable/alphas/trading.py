@@ -1,4 +1,4 @@
-"""Trading with costs: the rate and the aim of trades for a private mean that moves."""
+"""Trading with costs: the rate and the aim of trades for a time-varying private mean."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class TradingPolicy:
     trading costs.
 
     Args:
-        rate: Share of the way to the aim that is traded, from 0 to 1; 1 where trading is free.
-        ahead: How means that will have faded count, shape (k,k).
+        rate: Share of the distance to the aim that is traded, from 0 to 1; 1 without trading costs.
+        ahead: Discount of means by their decay, shape (k,k).
         weight: Of Θ₀, above 0.
 
     Source: Gârleanu and Pedersen, Journal of Finance 68 (2013), propositions 1 and 2 without discounting.
@@ -37,16 +37,16 @@ class TradingPolicy:
         return np.asarray(self.weight * self.ahead.T @ free @ self.ahead)
 
     def aim(self, problem: AlphaProblem, mean: Array, centre: Array) -> Array:
-        """Return where to trade to for a mean (k,) that fades to `centre`."""
+        """Return the aim of trading for a mean (k,) that reverts to `centre`."""
         return problem.optimum(centre + self.ahead @ (mean - centre))
 
 
 def trading_policy(problem: AlphaProblem, transition: Array) -> TradingPolicy | None:
-    """Return how to trade where m_{t+1} = A m_t + ω; None where trading is free.
+    """Return the optimal trading for m_{t+1} = A m_t + ω; None without trading costs.
 
     Raises:
-        InputError: There are inequalities as well, for which no such rule is known.
-        ModelError: The mean grows faster than trading follows, so that no mean cost exists.
+        InputError: The problem also has inequalities, for which no such rule is known.
+        ModelError: The mean grows faster than trading follows, so the mean cost is infinite.
     """
     gamma, kappa = problem.risk_aversion, problem.trading_cost
     if not kappa:

@@ -1,7 +1,7 @@
-"""The cost of hiding a private mean under inequalities, by simulation, and the rule that spends a budget there.
+"""The simulated cost of hiding a private mean under inequalities, and the rule that spends a budget.
 
-Under limits the decision for m̂ costs at most (m̂ − m)'Θ(m̂ − m): weights at a limit do not move. A rule of tr(ΘE) above the
-budget may then cost no more than it.
+Under inequalities the regret of deciding for m̂ is at most (m̂ − m)'Θ(m̂ − m), because weights at a limit do not move. A rule
+with tr(ΘE) above the budget may therefore cost at most the budget.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ _MOST_LIMITS = 40
 
 
 class SimulatedRegret(NamedTuple):
-    """A mean regret a step by simulation, and its standard error."""
+    """A simulated mean regret per step, and its standard error."""
 
     mean: float
     standard_error: float
 
 
 def drawn_means(prior: Array | FactorRisk, draws: int, rng: np.random.Generator) -> Array:
-    """Return means less m̄ of covariance S, shape (draws,k)."""
+    """Return draws of m − m̄ with covariance S, shape (draws,k)."""
     if not isinstance(prior, FactorRisk):
         root = root_of(prior)[0]
         return np.asarray(rng.standard_normal((draws, root.shape[1])) @ root.T)
@@ -39,7 +39,7 @@ def drawn_means(prior: Array | FactorRisk, draws: int, rng: np.random.Generator)
 
 
 def regrets_of(problem: AlphaProblem, means: Array) -> Callable[[Array], Array]:
-    """Return what gives the regrets (T,) of deciding for estimates (T,k) instead of means (T,k); optima are found once."""
+    """Return a function of estimates (T,k) that gives the regrets (T,) for means (T,k); it solves for the optima once."""
     alphas, gamma = problem.alphas(means), problem.risk_aversion
 
     def costs(estimates: Array) -> Array:
@@ -61,13 +61,13 @@ def spending(
     """Return the limit on tr(ΘE) at which the simulated regret is the target, and that regret.
 
     Args:
-        cost: Returns it at a limit, from the same draws at every one.
+        cost: Function of the limit that returns the simulated regret, from the same draws at every limit.
         target: The regret to spend, above zero and below that of silence.
         most: tr(ΘE) of silence.
         at_most: The simulated regret of silence.
 
     Raises:
-        SolverError: No limit was found at which it is spent.
+        SolverError: The search found no limit that spends the target.
     """
     low, high, below, above = 0.0, most, -target, at_most.mean - target
     for _ in range(_MOST_LIMITS):

@@ -1,9 +1,9 @@
-"""Expected returns implied by weights where every asset has its own (B = I): closed forms.
+"""Expected returns implied by weights without loadings (B = I): closed forms.
 
 All views with regret ρ(m,u) ≤ r are m = 2γV(u + δ) + H'ν + G'λ with γ δ'Vδ + s'λ ≤ r and λ ≥ 0, s the slacks of the
-inequalities G u ≤ h at the weights u: duality of the least cost over C. At r = 0 only multipliers of tight rows are left. A
-direction d with H d ≠ 0 has no end, nor has one with (G d)_i > 0 where s_i = 0; else its end is d'(2γVu) plus the best of what
-δ and one λ_i give.
+inequalities G u ≤ h at the weights u: duality of the least cost over C. At r = 0 only multipliers of active rows remain. The
+set is unbounded along d if H d ≠ 0, or if (G d)_i > 0 with s_i = 0; otherwise the bound is d'(2γVu) plus the best combination
+of δ and one λ_i.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from inscrutable.validation import Array
 
 _MOST_TURNS = 100
 _STRIDE = 2.0
-"""Logarithm by which a price is widened until the regret is met."""
+"""Step in the logarithm of the multiplier, until it brackets the regret."""
 
 
 class ViewSet(ABC):
@@ -31,7 +31,7 @@ class ViewSet(ABC):
     problem: AlphaProblem
     weights: Array
     has_sides: bool = False
-    """Whether some of what may be added to a view may be added with one sign alone."""
+    """Whether some multiplier of the set has a fixed sign."""
 
     @property
     @abstractmethod
@@ -53,7 +53,7 @@ class ViewSet(ABC):
 
     @abstractmethod
     def nearest(self, mean: Array) -> Array:
-        """Return the member nearest to a mean (k,); where there is none, the best fit."""
+        """Return the member nearest to a mean (k,); the best fit if the set is empty."""
 
     @abstractmethod
     def contains(self, mean: Array) -> bool:
@@ -61,7 +61,7 @@ class ViewSet(ABC):
 
 
 class Slacks(NamedTuple):
-    """How far the weights are from bounds and general rows; zero where they are on them, infinite where there are none."""
+    """Slacks of the weights in bounds and general rows; infinite for bounds that do not exist."""
 
     lower: Array  # (n,)
     upper: Array  # (n,)
@@ -69,7 +69,7 @@ class Slacks(NamedTuple):
 
 
 def slacks_of(problem: AlphaProblem, weights: Array, within: float = tolerances.FEASIBILITY) -> Slacks:
-    """Return the slacks at weights; those of `within` and less, relative to the row, are zero."""
+    """Return the slacks at weights; slacks of at most `within`, relative to the row, are set to zero."""
     layout = problem.layout
     if layout is None:
         nothing = np.full(problem.n_assets, np.inf)
@@ -103,7 +103,7 @@ class FreeViews(ViewSet):
 
     @cached_property
     def dimension(self) -> int:
-        """The rank of what may be added, n within a regret."""
+        """The rank of the active rows; n within a positive regret."""
         if self.regret > 0:
             return self.problem.n_assets
         bound = (self._slacks.lower == 0) | (self._slacks.upper == 0)
@@ -112,7 +112,7 @@ class FreeViews(ViewSet):
 
     @cached_property
     def _rows(self) -> tuple[Array, int]:
-        """Normals whose multiples may be added to a view (e + t, n), equalities first, and how many these are."""
+        """Return the normals whose multiples may be added to a view, (e + t, n), equalities first, and the number e."""
         rows, layout = self.problem.equalities[0], self.problem.layout
         if layout is None:
             return rows, len(rows)
@@ -140,7 +140,7 @@ class FreeViews(ViewSet):
         return np.asarray(found[wanted])
 
     def _rates(self, share: Array, sign: float) -> Array:
-        """For each d = ±(e_i − ρ), the most that one multiplier moves it a unit of regret; infinite where it costs nothing."""
+        """Return, for each d = ±(e_i − ρ), the largest change by one multiplier per unit of regret; infinite where free."""
         slacks = self._slacks
         each = np.maximum(_over(sign * share, slacks.lower), _over(-sign * share, slacks.upper))
         rates = _greatest_of_others(each)
@@ -156,7 +156,7 @@ class FreeViews(ViewSet):
         return rates
 
     def contains(self, mean: Array) -> bool:
-        """Return whether the regret is met, or, without one, the conditions of optimality hold up to rounding."""
+        """Return whether a mean meets the regret or, at regret 0, the conditions of optimality up to rounding."""
         if self.regret > 0:
             return bool(self.problem.regret(mean, self.weights) <= self.regret * (1.0 + tolerances.ON_FACE))
         scale = max(float(np.abs(self._center).max()), float(np.abs(mean).max(initial=0.0)))
@@ -177,14 +177,16 @@ class FreeViews(ViewSet):
 
 
 def _cut(left: Array, low: np.ndarray, high: np.ndarray) -> Array:
-    """What of a difference the multipliers of tight bounds leave."""
+    """Return the part of a difference that the multipliers of active bounds do not remove."""
     kept = np.where(low, np.maximum(left, 0.0), left)
     return np.asarray(np.where(high, np.minimum(kept, 0.0), kept))
 
 
 def _levels(apart: Array, rows: Array, n_free: int, low: np.ndarray, high: np.ndarray) -> Array:
-    """Multipliers (e + t,), the last t at least 0, that leave least of a difference: Newton's steps on a convex function that
-    is quadratic while the bounds that matter stay the same."""
+    """Return the multipliers (e + t,), the last t at least 0, of least squared residual.
+
+    Newton's method minimises a convex, piecewise quadratic function.
+    """
     least = np.concatenate([np.full(n_free, -np.inf), np.zeros(len(rows) - n_free)])
     levels = np.zeros(len(rows))
     left = _cut(apart, low, high)
@@ -213,8 +215,8 @@ def _levels(apart: Array, rows: Array, n_free: int, low: np.ndarray, high: np.nd
 def nearest_within(problem: AlphaProblem, weights: Array, regret: float, mean: Array) -> Array:
     """Return the view nearest to a mean (k,) under which weights have at most a regret, for any loadings.
 
-    At a price μ of regret the best view is m − μB'(v−u), where v is the best decision with V + μBB'/(2γ) for the mean
-    Bm + μBB'u; v is also the best decision for that view, so that its regret costs nothing more. One search over μ.
+    At a multiplier μ of regret the best view is m − μB'(v−u), where v is the best decision with V + μBB'/(2γ) for the mean Bm +
+    μBB'u; v is also the optimal decision for that view, so its regret needs no further solve. One search over μ.
     """
     if problem.regret(mean, weights) <= regret:
         return mean
@@ -250,7 +252,7 @@ def _over(values: Array, slacks: Array) -> Array:
 
 
 def _greatest_of_others(values: Array) -> Array:
-    """For each place the greatest value at any other."""
+    """Return, for each index, the greatest value at any other index."""
     first = int(values.argmax())
     found = np.full(values.size, values[first])
     found[first] = np.delete(values, first).max(initial=0.0)

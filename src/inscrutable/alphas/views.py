@@ -1,4 +1,4 @@
-"""Implied views: which expected returns make weights the best decision."""
+"""Implied views: the expected returns under which weights are optimal."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ class ImpliedViews:
     Args:
         problem: The decision problem.
         weights: u, shape (n,), in the order of the problem's assets.
-        regret: Regret that is allowed, or None.
-        digits: Digits that the weights were rounded to, or None.
-        reference: What bounds of assets are relative to, or None.
-        status: What the set is.
+        regret: The allowed regret, or None.
+        digits: Digits after the point of the rounded weights, or None.
+        reference: The reference asset or portfolio of the assets' bounds, or None.
+        status: The kind of the set.
         dimension: Its dimension: 0 a point, −1 empty.
 
     Example:
@@ -84,7 +84,7 @@ class ImpliedViews:
 
     @cached_property
     def asset_bounds(self) -> Array:
-        """Least and greatest expected return (Bm)_i of each asset, shape (n,2), less the reference's where there is one."""
+        """Least and greatest expected return (Bm)_i of each asset, shape (n,2), minus the reference's if there is one."""
         if self.problem.loadings is None:
             return self.bounds
         return self._set.asset_bounds(self._shares, np.arange(self.problem.n_assets))
@@ -98,11 +98,11 @@ class ImpliedViews:
     def nearest(self, mean: ArrayLike) -> Array:
         """Return the member nearest to a mean (k,).
 
-        Where no view explains the weights it is the least squares' solution of B m = 2γVu + H'ν + G'λ, over the assets off
-        their limits, that is nearest to the mean.
+        Where no view explains the weights, it is the nearest least-squares solution of B m = 2γVu + H'ν + G'λ over the assets
+        off their limits.
 
         Raises:
-            InputError: Another length or other labels; or the weights are rounded, so that the set is not convex.
+            InputError: The mean has another length or other labels; or the weights are rounded, so the set is not convex.
         """
         return self._set.nearest(self.point(mean))
 
@@ -112,7 +112,7 @@ class ImpliedViews:
         return np.inf if self.is_empty else float(np.linalg.norm(point - self._set.nearest(point)))
 
     def contains(self, mean: ArrayLike) -> bool:
-        """Return whether a mean (k,) is a member; for rounded weights by solving forward."""
+        """Return whether a mean (k,) is a member; for rounded weights by a forward solve."""
         return self._set.contains(self.point(mean))
 
     @property
@@ -149,7 +149,7 @@ class ImpliedViews:
         return pd.DataFrame(columns, index=pd.Index(names, name="asset"))
 
     def summary(self) -> str:
-        """Return what the set is, and the bounds of the first assets."""
+        """Return the kind of the set and the bounds of the first assets, as text."""
         lines = [f"{self.status.value} (dimension {self.dimension} of {self.problem.n_signals})"]
         if not self.is_empty:
             names = _names(self.problem.asset_names, self.problem.n_assets)
@@ -173,22 +173,22 @@ def implied_views(
     digits: int | None = None,
     reference: Any = None,
 ) -> ImpliedViews:
-    """Return the means m that explain weights: reverse optimisation, with constraints, rounding and imperfect decisions.
+    """Return the means m that explain weights: reverse optimisation under constraints, with rounding or a regret.
 
     Formula: Π(u) = {m : B m ∈ 2γV u + N_C(u)}; within a regret {m : ρ(m,u) ≤ r}; rounded {m : |u*(m) − u| ≤ ½10^−digits}.
 
     Args:
         problem: The decision problem.
-        weights: u, shape (n,), a member of C, or near one where `digits` says so.
-        regret: r ≥ 0, what the decision may cost beyond the best, in the unit of returns; None and 0 are nothing.
+        weights: u, shape (n,), a member of C; with `digits`, a rounded member.
+        regret: r ≥ 0, the allowed regret of the weights, in the unit of returns; None and 0: none.
         digits: Digits after the point that the weights were rounded to, at least 0; None: they are exact. Bounds are then an
             outer interval; `contains` stays exact.
         reference: What is subtracted from the assets' expected returns in bounds: an asset's name or number, "portfolio" (the
-            weights, scaled to sum to one) or "mean" (all assets equally). None: nothing; a budget row then leaves them endless,
-            because a common shift of all expected returns changes no decision.
+            weights, scaled to sum to one) or "mean" (all assets equally). None: nothing; with a budget row the bounds are then
+            infinite, because a common shift of all expected returns changes no decision.
 
     Returns:
-        `ImpliedViews`; a limit that a weight sits on exactly counts as tight, every other as loose.
+        `ImpliedViews`. A constraint is active where the weights meet it exactly.
 
     Raises:
         InputError: Weights of other names or outside C, both `regret` and `digits`, an unknown reference.

@@ -38,10 +38,10 @@ class BeliefSet(Saved):
         equalities: P, shape (k, X), dimensionless.
         inequalities: Q, shape (m, X), dimensionless.
         tolerance: Largest residual of a belief that counts as a member.
-        gap: Called for the plausibility gap with a value above which it need not be exact.
+        gap: Function of a margin that returns the plausibility gap; a gap above the margin need not be exact.
         state_names: Labels of the states, with which labelled beliefs are aligned; None where there are none.
 
-    Every query costs one small factorisation at first use and is kept. Source: Theorem 1 of the paper.
+    Every query costs one small factorisation at first use, and its result is stored. Source: Theorem 1 of the paper.
 
     Example:
         >>> half = BeliefSet(np.array([[1.0, -1.0, 0.0]]), np.zeros((0, 3)))
@@ -111,10 +111,10 @@ class BeliefSet(Saved):
 
     @cached_property
     def _even_corners(self) -> Array:
-        """The corners (V,X) where costs of states lie decades apart, each state measured in a unit of its own; else none.
+        """Return the corners (V,X) computed in separate units per state where costs differ by decades; otherwise none.
 
-        P π = 0 and Q π ≥ 0 are (P/d)(d π) = 0 and (Q/d)(d π) ≥ 0: a state of small costs is then not lost in the rounding of
-        costs that are decades larger.
+        P π = 0 and Q π ≥ 0 are (P/d)(d π) = 0 and (Q/d)(d π) ≥ 0: the rounding of large costs then does not hide a state of
+        small costs.
         """
         sizes = np.abs(np.vstack([self.equalities, self.inequalities])).max(axis=0, initial=0.0)
         units = np.where(sizes > tolerances.ON_FACE, sizes, sizes.max(initial=0.0))
@@ -154,8 +154,11 @@ class BeliefSet(Saved):
         return self.gap(margin) >= margin
 
     def violation(self, belief: ArrayLike) -> Array:
-        """Return the KKT residual of one belief (X,) or many (T,X): the largest coordinate of what is left of the
-        gradient by least squares over the multipliers, or of a multiplier's wrong sign, relative to the scale."""
+        """Return the KKT residual of one belief (X,) or many (T,X).
+
+        It is the largest coordinate of the gradient's least-squares residual over the multipliers, or of a multiplier of wrong
+        sign, relative to the scale.
+        """
         given = belief if type(belief) is np.ndarray else ordered(belief, "belief", (Axis("state", self.state_names),))
         points = np.asarray(given, dtype=np.float64)
         parts = [np.abs(points @ self.equalities.T), -(points @ self.inequalities.T), -points]
@@ -192,7 +195,7 @@ class BeliefSet(Saved):
             other = nearest_point(self._shape, point)
         except SolverError:
             return found
-        # Rounding may cut off a part of the set in either units, another one in each.
+        # In each of the two units rounding may cut off a part of the set, and not the same part.
         return other if np.linalg.norm(other - point) < np.linalg.norm(found - point) else found
 
     def distance(self, belief: ArrayLike) -> float:
@@ -203,8 +206,10 @@ class BeliefSet(Saved):
         return float(np.linalg.norm(point - self.nearest(point)))
 
     def rough_distances(self, belief: Array) -> tuple[float, float]:
-        """Return distances between which the distance to `belief` lies, by projections on the rows, loose by the
-        tolerance and strict, without looking at the set's shape; NaN where the rows are too degenerate for it."""
+        """Return bounds of the distance to `belief`, by projections on the rows with and without the tolerance.
+
+        It does not compute the polytope; NaN where the rows are too degenerate.
+        """
         size, n_equal = self.n_states, len(self.equalities)
         rows = np.vstack([self.equalities, self.inequalities, np.ones((1, size))])
         found = []
@@ -229,15 +234,17 @@ class BeliefSet(Saved):
     def center(self) -> Array:
         """Return the mean of the corners, shape (X,); NaN where the set is empty.
 
-        Of a set of more than nine dimensions, whose corners are too many to be listed, it is the `interior_point`.
+        For a set of more than nine dimensions, which has too many corners to list, it is the `interior_point`.
         """
         if self._shape is None or self.dimension > _MOST_LISTED:
             return self.interior_point()
         return np.asarray(self.vertices().mean(axis=0))
 
     def interior_point(self) -> Array:
-        """Return a member (X,) that is on no border it could be off, by one linear programme at most; NaN where the set is
-        empty. It needs no corners, which are many where states are."""
+        """Return a member (X,) in the relative interior, by at most one linear programme; NaN where the set is empty.
+
+        It needs no corners, which are numerous for many states.
+        """
         if self._shape is None:
             return np.full(self.n_states, np.nan)
         return np.maximum(self._shape.interior_point, 0.0)

@@ -21,13 +21,13 @@ from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.validation import Array
 
 _MOST_FACETS = 500_000
-"""A cone that may have more facets is refused: its hull could take minutes, and gigabytes."""
+"""Most facets that a cone may have: a larger hull could take minutes and gigabytes."""
 _MOST_TRIED = 20_000
 _HALF = 0.5
 _MANY_CHOICES = 1_000
-"""Sets of rows from which facets of a cone that has a corner are not tried one by one but found by a hull."""
+"""Most sets of rows that are enumerated for the facets of a pointed cone; beyond, a convex hull finds them."""
 _LEAST_CUT = 0.001
-"""Least height of a cone's rays over a plane through its corner; flatter cones are as good as without a corner."""
+"""Least height of a cone's rays over a plane through its apex; flatter cones count as not pointed."""
 
 
 class StationarityRows(NamedTuple):
@@ -40,9 +40,9 @@ class StationarityRows(NamedTuple):
 def stationarity_rows(active: Array, equalities: Array) -> StationarityRows:
     """Return P (k,U) and Q (m,U) for active rows (n,U) and equality rows (e,U).
 
-    P g is the residual of g after least squares over λ and ν, in the decision's coordinates. Where the rows are independent,
-    Q holds the rows of the negative pseudo-inverse that give λ, without those of bounds that fix a coordinate from both
-    sides. Cost: bounds and few other rows are solved on the free coordinates; the rest are decomposed.
+    P g is the residual of g after least squares over λ and ν, in the decision's coordinates. Where the rows are independent, Q
+    holds the rows of the negative pseudo-inverse that give λ, without those of bounds that fix a coordinate from both sides.
+    Cost: a triangular solve on the free coordinates for bounds and few other rows; otherwise a singular value decomposition.
     """
     face = held_coordinates(active, equalities)
     if face is None:
@@ -53,8 +53,8 @@ def stationarity_rows(active: Array, equalities: Array) -> StationarityRows:
 def decomposed_rows(active: Array, equalities: Array) -> StationarityRows:
     """Return P and Q by singular value decompositions, for any rows.
 
-    Where the rows are dependent, Q holds the facets of the cone, enumerated in the space that the active rows span
-    beside the equalities.
+    Where the rows are dependent, Q holds the facets of the cone, enumerated in the span of the active rows modulo the
+    equalities.
     """
     # Rows that repeat another, up to a positive factor, add nothing to the cone.
     active = _without_repeats(active)
@@ -113,7 +113,7 @@ def _cone_facets(points: Array, rank: int) -> Array:
         rest = points[~lines] @ across
         length = np.linalg.norm(rest, axis=1)
         rest = rest[length > tolerances.ON_FACE] / length[length > tolerances.ON_FACE, None]
-        # Across its lines the cone has a corner.
+        # Modulo its lineality space the cone is pointed.
         return _cone_facets(_without_repeats(rest), across.shape[1]) @ across.T if len(rest) else points[:0]
     points = points[_extreme(points)]
     count = len(points)
@@ -136,8 +136,8 @@ def _cone_facets(points: Array, rank: int) -> Array:
 def _facets_of_one_more(points: Array) -> Array:
     """Facets (f,d) of the cone of d + 1 unit vectors g_k that span their space.
 
-    One dependency Σ a_k g_k = 0 holds: a facet leaves out one vector that has no part in it, or two that stand on its two
-    sides. With the rows D_k of the inverse of all but g_m, of largest |a_m|, these are D_i, and D_i/|a_i| + D_j/|a_j|.
+    There is one dependency Σ a_k g_k = 0. A facet omits one vector with a_k = 0, or two vectors whose a_k have opposite signs.
+    With the rows D_k of the inverse of all but g_m, of largest |a_m|, these are D_i, and D_i/|a_i| + D_j/|a_j|.
     """
     weights = np.linalg.svd(points.T)[2][-1]
     weights[np.abs(weights) <= tolerances.ON_FACE] = 0.0
@@ -153,13 +153,13 @@ def _facets_of_one_more(points: Array) -> Array:
 
 
 def _most_facets(count: int, dimension: int) -> int:
-    """The most facets that a polytope of so many corners can have (McMullen's upper bound)."""
+    """Return the most facets of a polytope with `count` vertices (McMullen's upper bound theorem)."""
     half, rest = dimension // 2, dimension - dimension // 2
     return comb(count - rest, half) + comb(count - half - 1, rest - 1)
 
 
 def _lineality(points: Array) -> np.ndarray:
-    """Which unit vectors (n,d) have their opposite in the cone of all."""
+    """Return which unit vectors (n,d) span the lineality space: their negatives are in the cone."""
     n, d = points.shape
     answer = minimise(
         np.concatenate([np.zeros(n), -np.ones(n)]),
@@ -173,7 +173,7 @@ def _lineality(points: Array) -> np.ndarray:
 
 
 def _extreme(points: Array) -> np.ndarray:
-    """Which unit vectors (n,d) of a cone with a corner the others do not combine to."""
+    """Return which unit vectors (n,d) are extreme rays of their pointed cone."""
     kept = np.ones(len(points), dtype=bool)
     for j, point in enumerate(points):
         kept[j] = False
@@ -185,7 +185,7 @@ def _extreme(points: Array) -> np.ndarray:
 
 
 def _tried_facets(points: Array, rank: int) -> Array:
-    """Facets (f,d) of a cone found by trying every set of so many vectors (n,d) that they span a side."""
+    """Return the facets (f,d) of a cone by enumerating the sets of vectors (n,d) that span a hyperplane."""
     facets: list[Array] = []
     for chosen in combinations(range(len(points)), rank - 1):
         normal = null_space(points[list(chosen)], rcond=tolerances.ON_FACE) if rank > 1 else np.eye(1)
@@ -200,7 +200,7 @@ def _tried_facets(points: Array, rank: int) -> Array:
 
 def _hull_facets(points: Array) -> Array | None:
     """Facets (f,d) of the cone of unit vectors (n,d) that span their space, from the hull of its section with a plane;
-    None where no plane cuts all of its rays."""
+    None where no plane intersects all of its rays."""
     n, d = points.shape
     objective = np.append(np.zeros(d), -1.0)
     cut = minimise(objective, Rows(np.column_stack([-points, np.ones(n)]), np.zeros(n)), bounds=(-1.0, 1.0))

@@ -1,14 +1,14 @@
-"""Where functions of one number rise above zero: many brackets are narrowed together.
+"""Zeros of increasing functions of one variable: many brackets are narrowed together.
 
-A bracket has an end inside, where f ≤ 0, and one outside, where f > 0; either may be the larger number. Regret along a ray
-of beliefs or a step of a decision is convex and least where the ray begins, so that f(t) = √ρ(t) − √limit is nearly a
-straight line, and the secant through both ends misses little. The value of an end that stays is multiplied by
-1 − f(new)/f(replaced), or by a half where that is not positive, so that the next secant leans towards it (Anderson and
-Björck). A bracket that is wider than plain halving would leave it after three quarters of the steps, but for the first
-few, is halved, whatever the shape of f. Where a value is infinite, only the side is known, and every step halves.
+A bracket has an inner end, where f ≤ 0, and an outer end, where f > 0; either may be the larger number. Regret along a ray of
+beliefs or a step of a decision is convex with its minimum at the start, so f(t) = √ρ(t) − √limit is nearly linear and the
+secant through both ends is accurate. The value at a retained end is multiplied by 1 − f(new)/f(replaced), or by one half where
+that is not positive, which moves the next secant towards it (Anderson and Björck). After the first few steps, a bracket wider
+than bisection would leave it after three quarters of the steps is bisected. Where a value is infinite, only the sign is known,
+and every step bisects.
 
-Source: Anderson and Björck, BIT 13, 1973. SciPy's `elementwise.find_root` may end on either side of the crossing, does not
-keep what was found inside, and takes 0.2 ms a step for itself, more than most functions here.
+Source: Anderson and Björck, BIT 13, 1973. SciPy's `elementwise.find_root` may end on either side of the zero, does not return
+the inner end, and has an overhead of 0.2 ms per step, more than most functions here.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from inscrutable.validation import Array
 _FREE_STEPS = 4
 """With two, a leap beside a nearly straight line takes four times as many steps; more bring nothing."""
 _HALVINGS_A_STEP = 0.75
-"""With a half, leaps and curves that lie flat take a third more steps; with one, powers do."""
+"""With one half, jumps and flat curves take a third more steps; with one, powers do."""
 _MOST_STEPS = 100
 
 
@@ -49,8 +49,8 @@ def narrowed(
         f: (which, x) → f of the functions `which` (k,) at x (k,); ±inf where only the side is known.
         ends: The brackets.
         values: f at their ends; ±inf where only the side is known.
-        spare: How far below zero f may stay inside; the middle of that is aimed at.
-        width: By how much the ends may differ.
+        spare: How far below zero f may stay at the inner end; the target is half of it.
+        width: Largest final difference of the ends.
     """
     x, known = np.stack(ends), np.stack(values)
     weights, last = np.ones_like(known), np.zeros(known.shape[1], dtype=np.int64)
@@ -95,11 +95,11 @@ def farthest(
 
 
 def side(meets: np.ndarray) -> Array:
-    """Return −inf where a goal is met, +inf where not: values of which only the side is known."""
+    """Return −inf where a goal is met and +inf where not: values with a known sign only."""
     return np.where(meets, -np.inf, np.inf)
 
 
 def first_met(meets: Callable[[float], bool]) -> float:
-    """Return the least share of a way found at which a goal is met that is met at its end, one, and missed at zero."""
+    """Return the least share found in [0, 1] at which a goal is met; it is missed at zero and met at one."""
     ends, values = Bracket(np.ones(1), np.zeros(1)), Bracket(side(np.ones(1)), side(np.zeros(1)))
     return float(narrowed(lambda _, share: side(np.array([meets(float(share[0]))])), ends, values).inside[0])

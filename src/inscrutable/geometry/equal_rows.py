@@ -38,9 +38,9 @@ def first_equal(rows: Array, tolerance: float = tolerances.SAME_ACTION) -> np.nd
 
 
 def distinct_patterns(patterns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distinct rows, in order, of truth values (M,n), and which of them each row is, shape (M,).
+    """Return the distinct rows of truth values (M,n), in order, and the index of each row's distinct row, shape (M,).
 
-    Eight values are sorted as one byte: a feasible set may have a thousand rows.
+    Eight values are packed into one byte, because a feasible set may have a thousand rows.
     """
     if len(patterns) == 1 or not patterns.size or (patterns == patterns[:1]).all():
         return patterns[:1], np.zeros(len(patterns), dtype=np.int64)
@@ -70,6 +70,6 @@ def _hashed(bits: np.ndarray) -> np.ndarray:
 
 
 def _by_sorting(rows: Array, tolerance: float) -> np.ndarray:
-    """The same without hashes: two different rows shared one."""
+    """Return the same without hashes, for two different rows with one hash."""
     _, earliest, group = np.unique(_bits(rows, tolerance), axis=0, return_index=True, return_inverse=True)
     return np.asarray(earliest[group.reshape(-1)])

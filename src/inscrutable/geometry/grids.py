@@ -10,7 +10,7 @@ from inscrutable.errors import InputError
 from inscrutable.validation import Array, count
 
 _MOST_NUMBERS = 2**26
-"""Coordinates of a grid, half a gigabyte: a larger one is a mistake, and would fill the memory."""
+"""Most numbers in a grid, half a gigabyte; a larger grid is an error."""
 
 
 def simplex_grid(n: int, resolution: int) -> Array:
@@ -49,7 +49,7 @@ def simplex_grid(n: int, resolution: int) -> Array:
     left = np.array([resolution])
     counts: list[np.ndarray] = []
     for _ in range(n - 1):
-        # Every row so far is continued by 0, 1, …, what is left of it.
+        # Every row continues with 0, 1, …, up to its remainder.
         rows = np.repeat(np.arange(len(left)), left + 1)
         ends = np.cumsum(left + 1)
         count_here = np.arange(len(rows)) - (ends - left - 1)[rows]
@@ -59,12 +59,12 @@ def simplex_grid(n: int, resolution: int) -> Array:
 
 
 def grid_size(n: int, resolution: int) -> int:
-    """Return how many points `simplex_grid` has, C(r+n−1, n−1), without making them."""
+    """Return the number of points of `simplex_grid`, C(r+n−1, n−1)."""
     return comb(resolution + n - 1, n - 1)
 
 
 def _finest(n: int) -> int:
-    """The largest resolution whose grid is made; at least 1, which is n points."""
+    """Return the largest resolution that is allowed; at least 1, a grid of n points."""
     finer = 2
     while grid_size(n, finer) * n <= _MOST_NUMBERS:
         finer += max(1, finer // 64)

@@ -1,8 +1,8 @@
-"""Tight rows as coordinates held by bounds and a few general rows on the free ones, solved without a decomposition.
+"""Active constraints as coordinates fixed by bounds and a few general rows on the free ones, without a decomposition.
 
 Let F be the free coordinates, A the general and equality rows, and A_F' = Q [R; 0] with Q = I − V T V' a product of
-one reflection per row. The last columns of Q span the directions in which every row stays tight; with M = A_F⁺ the
-multipliers of a gradient g that least squares would give are
+one reflection per row. The last columns of Q span the directions in which every row stays active; with M = A_F⁺ the
+least-squares multipliers of a gradient g are
 
     ν = −g_F M  of the rows A,      λ_j = −σ_j (g_j + A_j'ν)  of a bound σ_j u_j ≤ b_j.
 """
@@ -36,14 +36,14 @@ class _Reflections(NamedTuple):
 
 
 class HeldCoordinates(NamedTuple):
-    """A face of bounds and few general rows; the multipliers are those of `stationarity_rows`, in its order."""
+    """The face of active bounds and few general rows; multipliers are in the order of `stationarity_rows`."""
 
     free: np.ndarray  # (s,) coordinates that no tight bound holds
     held: np.ndarray  # (h,) coordinates held from one side
     signs: Array  # (h,) +1 at an upper bound, −1 at a lower one
     fixed: np.ndarray  # coordinates held from both sides; their multiplier has either sign
     general: Array  # (r,U) active general rows, then equality rows, largest coefficient 1
-    scale: Array  # (r,) what they were divided by
+    scale: Array  # (r,) their divisors
     active: np.ndarray  # which active rows the first of them are
     order: np.ndarray  # how the multipliers of bounds and general rows interleave
     reflections: _Reflections
@@ -124,7 +124,7 @@ def held_coordinates(active: Array, equalities: Array) -> HeldCoordinates | None
 def _reflections(columns: Array) -> _Reflections | None:
     """Triangularise columns (s,r) by reflections; None where they are close to dependent.
 
-    Squares are compared, so that what is left to a pseudo-inverse is rather too much than too little.
+    The test compares squares, so it refers doubtful cases to a pseudo-inverse.
     """
     size, r = columns.shape
     triangle = columns.copy()

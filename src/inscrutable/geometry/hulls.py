@@ -1,10 +1,10 @@
 """Affine hulls of belief sets: the solutions π of M π = 0, 1'π = 1, decided by singular values.
 
-With B an orthonormal basis of the directions that keep Σπ, π = 1/X + B w and M B w = −M 1/X. Singular values above
-the rank tolerance determine coordinates of w; the others leave a direction free, inside the band in which the residual
-stays below the tolerance. All functions work on a stack of systems of one shape.
+With B an orthonormal basis of the directions that keep Σπ, π = 1/X + B w and M B w = −M 1/X. Singular values above the rank
+tolerance determine coordinates of w; the other directions are free, within the band in which the residual stays below the
+tolerance. All functions work on a stack of systems of one shape.
 
-`affine_hulls` defines what `described_sets` finds with a kernel.
+`affine_hulls` is the reference for the kernel behind `described_sets`.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from inscrutable.validation import Array
 if TYPE_CHECKING:
     from inscrutable.kernels.belief_sets import Limits
 
-_CHUNK = 256  # sets that a thread describes at a time
+_CHUNK = 256  # number of sets that a thread processes at a time
 _FARTHEST = 2.0
-"""No two beliefs are farther apart than √2; twice the distance from the centre, rounded up."""
+"""Bound of the distance of two beliefs: at most √2; twice the distance from the centre, rounded up."""
 
 
 class Hulls(NamedTuple):
@@ -68,7 +68,7 @@ def affine_hulls(equalities: Array, tolerance: float) -> Hulls:
     safe = np.where(determined, padded, 1.0)
     coordinates = np.where(determined, aligned / safe, 0.0)
     origin = centre + np.einsum("ni,nix->nx", coordinates, right @ basis.T)
-    # A step along a free direction removes at most its singular value times the simplex's size of the residual.
+    # A step along a free direction reduces the residual by at most its singular value times the simplex's diameter.
     removable = np.where(determined, 0.0, np.clip(aligned, -_FARTHEST * padded, _FARTHEST * padded))
     fitted = np.einsum("nkx,nx->nk", equalities, origin)
     fitted = fitted + np.einsum("nki,ni->nk", left[:, :, : min(k, free)], removable[:, : min(k, free)])
@@ -84,7 +84,7 @@ def affine_hulls(equalities: Array, tolerance: float) -> Hulls:
 
 
 def onto_simplex(points: Array) -> Array:
-    """Return points (n,X) that lie on the simplex up to rounding, put on it."""
+    """Return points (n,X), on the simplex up to rounding, projected to it."""
     clipped = np.maximum(points, 0.0)
     total = clipped.sum(axis=1, keepdims=True)
     return np.asarray(clipped / np.where(total > 0, total, 1.0))
@@ -93,7 +93,7 @@ def onto_simplex(points: Array) -> Array:
 def described_sets(equalities: Array, inequalities: Array, tolerance: float) -> tuple[np.ndarray, Array]:
     """Return dimension (n,) and both ends (n,2,X) of the sets of stacked rows P (n,k,X) and Q (n,m,X).
 
-    Those of dimension two and more have the dimension of their hull and no ends; empty ones have dimension −1.
+    Sets of dimension two or more have the dimension of their hull and no ends; empty sets have dimension −1.
     """
     from inscrutable.kernels.belief_sets import describe_sets
     from inscrutable.kernels.threads import in_chunks
@@ -111,10 +111,9 @@ def described_sets(equalities: Array, inequalities: Array, tolerance: float) -> 
 
 
 def members_of_sets(equalities: Array, inequalities: Array, tolerance: float) -> tuple[np.ndarray, Array]:
-    """Return verdicts (n,) about the sets of stacked rows and members (n,X) of those that are surely not empty (1).
+    """Return verdicts (n,) on the sets of stacked rows, and a member (n,X) of each nonempty one.
 
-    Sets that are surely empty have verdict −1; those that only linear programmes can judge, and those with a hull of
-    dimension below two, 0.
+    Verdict 1: nonempty; −1: empty; 0: undecided without a linear programme, or a hull of dimension below two.
     """
     from inscrutable.kernels.belief_members import Depths, find_members
 

@@ -1,9 +1,9 @@
 """Points that cover a simplex of many coordinates, where a regular grid leaves the interior empty.
 
 A regular grid of M points over n coordinates has a resolution of about M^{1/(n−1)}; where that is below n, all points
-lie on faces, and the middle of the simplex is far from them. From seven coordinates on, therefore, an even sequence
-fills the interior of the grid. Measured for 5,000 points asked for: mean and largest distance to the nearest point from
-beliefs drawn flat, and from sparse ones (Dirichlet 0.3).
+lie on faces, and the middle of the simplex is far from them. From seven coordinates on, a low-discrepancy sequence therefore
+fills the interior of the grid. Measured with 5,000 points: mean and largest distance to the nearest point, for uniform beliefs
+("flat") and sparse ones (Dirichlet 0.3).
 
 ====  =======================  =======================  =====================  =====================
 n     grid, flat               filled, flat             grid, sparse           filled, sparse
@@ -14,8 +14,8 @@ n     grid, flat               filled, flat             grid, sparse           f
 12    .202, .278               .133, .215               .159, .255             .148, .222
 ====  =======================  =======================  =====================  =====================
 
-A coarser grid with more points inside covers the interior better still, but the decoys that hide most lie near the
-faces: it loses up to a tenth of the privacy that this one finds.
+A coarser grid with more interior points covers the interior even better. But the most private decoys lie near the boundary, and
+such a grid loses up to a tenth of the privacy found with this one.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from inscrutable.geometry.grids import resolution_for, simplex_grid
 from inscrutable.validation import Array, count
 
 _MOST_REGULAR = 6
-"""Up to this many coordinates a regular grid covers as well as anything of its size."""
+"""Most coordinates for which a regular grid covers as well as any set of its size."""
 _INTERIOR_SHARE = 0.25
 _BISECTIONS = 60
 _PROBES = 512
@@ -42,7 +42,7 @@ def simplex_cover(n: int, points: int) -> Array:
 
     Args:
         n: Number of coordinates, at least 1.
-        points: Number of points, at least 1; the vertices are always there.
+        points: Number of points, at least 1; the vertices are always included.
 
     Returns:
         Points, shape (M, n), the same at every call; M is at most about 1.25 `points`, and at least n.
@@ -68,13 +68,13 @@ def simplex_cover(n: int, points: int) -> Array:
 
 
 def interior_points(n: int, points: int) -> Array:
-    """Return the centre of the `n`-simplex and an even sequence in its interior, in all `points` points (M,n).
+    """Return `points` points (M,n): the centre of the `n`-simplex and a low-discrepancy sequence in its interior.
 
     Formula: t_k = ½ + k (φ⁻¹, …, φ^{1−n}) mod 1 with φ^n = φ + 1, k = 1, 2, …, mapped to the simplex without changing
     volumes: x_j = (1 − t_j^{1/(n−j)}) Π_{i<j} t_i^{1/(n−i)}, j = 1 … n−1, and x_n what is left.
     """
     ratio = 1.0
-    for _ in range(_BISECTIONS):  # a contraction: each pass gains a digit or more
+    for _ in range(_BISECTIONS):  # a contraction: each pass gains at least one digit
         ratio = (1.0 + ratio) ** (1.0 / n)
     steps = ratio ** -np.arange(1.0, n)
     filled = _onto_simplex(_sequence(steps, 0.5, points - 1))
@@ -101,15 +101,15 @@ def _onto_simplex(cube: Array) -> Array:
 
 
 def covering_radius(points: Array) -> float:
-    """Return about the largest distance from a belief to the nearest of `points` (M,n): an estimate from 512 beliefs.
+    """Return an estimate of the largest distance from a belief to the nearest of `points` (M,n), from 512 beliefs.
 
-    Formula: max_q min_l ‖q − y_l‖ over beliefs q, half of them even over the simplex, half crowded towards its faces.
-    It is a little below the supremum over all beliefs.
+    Formula: max_q min_l ‖q − y_l‖ over beliefs q, half of them uniform on the simplex, half concentrated near its faces. It is
+    slightly below the supremum over all beliefs.
     """
     n = points.shape[1]
     if n == 1:
         return 0.0
-    # Square roots of primes: a sequence that has nothing in common with the one that filled the interior.
+    # Square roots of primes: a sequence unrelated to the one that fills the interior.
     even = _onto_simplex(_sequence(np.sqrt(_primes(n - 1)), 0.0, _PROBES))
     even[1::2] **= 3
     probes = even / even.sum(axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""An order in which points that follow each other lie close together."""
+"""An order of points in which successive points are close together."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ _CODE_BITS = 63
 def morton_order(points: Array) -> np.ndarray:
     """Return the indices (T,) that sort points (T,X) of the simplex along Morton's curve.
 
-    The curve visits the cells of ever finer grids one after the other: the bits of the first X − 1 coordinates (the last
-    follows from them), most significant first, are those of a point's place. Equal places keep their order.
+    A point's position on the curve interleaves the bits of its first X − 1 coordinates, most significant first (the last
+    coordinate follows from the others). Points of equal position keep their order.
 
     Source: G. M. Morton, A computer oriented geodetic data base and a new technique in file sequencing, IBM (1966).
     """

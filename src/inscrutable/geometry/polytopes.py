@@ -23,8 +23,8 @@ _EQUALITY = 5
 class Reduced:
     """A polytope with interior in its own affine hull: x = origin + directions' z, rows z ≤ offsets.
 
-    Its corners are known, or found from a point deep inside when first asked for: projections need none. In 24 dimensions
-    they are tens of thousands.
+    Its corners are given, or computed on demand from an interior point; projections do not need them. In 24 dimensions there
+    are tens of thousands.
     """
 
     origin: Array  # (X,)
@@ -58,8 +58,8 @@ def reduce_polytope(
 ) -> Reduced | None:
     """Return the polytope {origin + directions' z : rows z ≤ offsets}, or None where it is empty.
 
-    A `solid` one is known to have an interior. Rows of others that hold with equality everywhere are found by linear
-    programmes and taken out, one dimension each.
+    A `solid` one is known to have an interior. For the others, linear programmes find the rows that hold with equality
+    everywhere; each reduces the dimension by one.
     """
     varying = _without_constant_rows(rows, offsets)
     if varying is None:
@@ -77,7 +77,7 @@ def reduce_polytope(
         return None
     if radius > tolerances.ON_FACE:
         return Reduced(origin, directions, rows, offsets, inside=centre)
-    # Rows that conflict by less than the tolerance touch: the linear programmes must see them so.
+    # Rows that conflict by less than the tolerance count as touching: relax them for the linear programmes.
     tight = _always_tight(rows, offsets + max(0.0, -radius) + tolerances.ON_FACE)
     free = null_space(rows[tight], rcond=tolerances.ON_FACE)
     if free.shape[1] == dimension:
@@ -123,11 +123,11 @@ def minimise_over_rows(objective: Array, rows: Array, offsets: Array) -> Array:
 
 
 def _always_tight(rows: Array, offsets: Array) -> np.ndarray:
-    """Whether each row moves by less than the tolerance anywhere on the set, so that it is an equality of it."""
+    """Return which rows vary by less than the tolerance on the set, and are therefore equalities of it."""
     least = 10 * tolerances.ON_FACE
     tight = np.ones(len(rows), dtype=bool)
     while tight.any():
-        # A point far from many rows at once; what it is not far from may still be loose elsewhere.
+        # This point has slack in many rows at once; other rows may still have slack elsewhere.
         slack = offsets - rows @ minimise_over_rows(rows[tight].sum(axis=0), rows, offsets)
         if (slack[tight] > least).any():
             tight &= slack <= least
@@ -149,7 +149,7 @@ def _corners(rows: Array, offsets: Array, centre: Array) -> Array:
 
 
 def _apart(points: Array) -> Array:
-    """Return those of the points (n,d), in order, that are not the same as an earlier one that is kept."""
+    """Return the distinct points of (n,d), in order."""
     _, first = np.unique(np.round(points / tolerances.SAME_BELIEF), axis=0, return_index=True)
     left = points[np.sort(first)]
     near = cKDTree(left).query_pairs(tolerances.SAME_BELIEF, p=np.inf, output_type="ndarray")
@@ -175,7 +175,8 @@ def nearest_point(polytope: Reduced, target: Array) -> Array:
 def nearest_in_hull(corners: Array, target: Array) -> Array:
     """Return the point of the hull of corners (n,X) nearest to `target` (X,).
 
-    Least |Y'λ|² + (1 − Σλ)² over λ ≥ 0, with the rows of Y from the target to the corners: its λ, scaled to Σλ = 1, gives it.
+    The λ that minimises |Y'λ|² + (1 − Σλ)² over λ ≥ 0, scaled to Σλ = 1, gives the point; the rows of Y lead from the target to
+    the corners.
     """
     system = np.vstack([(corners - target).T, np.ones(len(corners))])
     weights = nnls(system, np.append(np.zeros(target.size), 1.0))[0]

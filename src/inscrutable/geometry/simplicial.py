@@ -24,7 +24,7 @@ def cones_from(belief: Array) -> Cells:
     """Return the simplex cut into cones with their apex at a belief (X,): point 0 is the apex, 1 + i is corner i."""
     n_states = belief.size
     points = np.vstack([belief, np.eye(n_states)])
-    # A cone over a face that holds the belief is flat.
+    # A cone over a face that contains the belief is flat.
     rows = [[0, *(1 + i for i in range(n_states) if i != left_out)] for left_out in np.flatnonzero(belief > 0)]
     return Cells(points, np.array(rows, dtype=np.intp))
 
@@ -46,8 +46,8 @@ def halved(corners: np.ndarray, edge: np.ndarray, middles: np.ndarray) -> np.nda
 def directions_to(target: Array, simplices: Array) -> Array:
     """Return unit directions (C,X) from a point (X,) to simplices (C,J,X), about to their nearest points; zero inside.
 
-    A few steps of the method of Mitchell, Demyanov and Malozemov, which moves weight from the farthest corner that has some
-    to the nearest: any direction separates, a better one farther.
+    A few steps of the Mitchell–Demyanov–Malozemov method, which moves weight from the farthest corner in use to the nearest.
+    Any direction gives a valid separating plane; a better one gives a larger distance.
     """
     offsets = simplices - target
     count, n_corners = offsets.shape[:2]

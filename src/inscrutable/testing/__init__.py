@@ -1,4 +1,4 @@
-"""Contract checkers for parts that a user writes: silent where they keep the promises that the library relies on."""
+"""Contract checkers for user-written components: they raise an error where a component breaks a contract of the library."""
 
 from inscrutable.testing.adversaries import check_adversary
 from inscrutable.testing.decision_makers import check_decision_maker

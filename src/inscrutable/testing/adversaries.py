@@ -1,4 +1,4 @@
-"""Does an adversary keep the promises that comparisons and errors of its guesses build on?"""
+"""Contract checker for observers: comparisons rely on these promises."""
 
 from __future__ import annotations
 
@@ -15,20 +15,24 @@ from inscrutable.validation import Array
 def check_adversary(adversary: Adversary, problem: DecisionProblem, *, rng: np.random.Generator | None = None) -> None:
     """Check on a problem's decisions that an adversary keeps its promises; silent where it does.
 
-    Checked are that it concludes something from every feasible decision without an error; that guesses are beliefs, or NaN
-    throughout where it cannot explain a decision; that with `nearest` there always is one, and the same where there was one
-    before; and that many decisions are read as each alone, in any order, again, and are left as they were.
+    The promises are:
+
+    - `infer` accepts every feasible decision;
+    - an estimate is a belief, or NaN throughout where the observer cannot explain the decision;
+    - with `nearest` there always is an estimate, and it equals the one without `nearest` where that exists;
+    - estimates for many decisions equal those for each alone, in any order and when repeated;
+    - the arguments are not changed.
 
     Args:
-        adversary: The observer of single decisions, of this library or of a user's own.
+        adversary: An observer of single decisions, from this library or written by a user.
         problem: The problem whose decisions it observes.
-        rng: Source of the decisions; None is a fixed one, the same at every call.
+        rng: Source of the decisions; None: a fixed seed, the same at every call.
 
     Raises:
         AssertionError: A promise is broken; the message names it, with the decision and the guess.
         InputError: `adversary` lacks one of its three methods, or `problem` is no decision problem.
 
-    Cost: some hundred readings of a decision. Source: the paper, Section III-B.
+    Cost: some hundred calls of `infer`. Source: the paper, Section III-B.
 
     Example:
         >>> from inscrutable import FiniteProblem, NaiveAdversary

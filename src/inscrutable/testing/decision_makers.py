@@ -1,4 +1,4 @@
-"""Does a decision maker keep the promises that mechanisms, leakage and comparisons build on?"""
+"""Contract checker for decision makers: mechanisms, leakage and comparisons rely on these promises."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from inscrutable.testing.promises import check_shape, promise, source_of, tried_
 from inscrutable.validation import Array
 
 _CERTAIN = 6
-"""How many nearly certain beliefs are tried."""
+"""Number of nearly certain beliefs to try."""
 
 
 class _Law(NamedTuple):
-    """What is played under each belief."""
+    """The decisions played under each belief."""
 
     points: Array  # (T,k,U)
     shares: Array  # (T,k)
@@ -29,23 +29,28 @@ def check_decision_maker(
 ) -> None:
     """Check on random beliefs that a decision maker keeps its promises; silent where it does.
 
-    Checked are that it has a `problem` and `decide_many`; that the answer holds one decision a row (`action`), or
-    `actions` with `probabilities` that are a law; that what is played is feasible; that the same beliefs get the same law
-    again, and each alone what it gets among others, by `decide` too, where there is one, unless `is_memoryless` is false;
-    that privacies that are stated agree with that; and that a stated `regret` is the problem's. Beliefs are open, nearly
-    certain and certain ones.
+    The promises are:
+
+    - it has a `problem` and `decide_many`;
+    - a result has one decision per row (`action`), or `actions` with `probabilities` that sum to one;
+    - decisions are feasible;
+    - equal beliefs get equal laws when repeated, alone or among others, and from `decide` if it exists (unless `is_memoryless`
+      is false), and so do stated privacies;
+    - a stated `regret` is that of the problem.
+
+    The beliefs are interior, nearly certain and certain ones.
 
     Args:
-        decision_maker: Anything with `problem` and `decide_many`, of this library or of a user's own.
-        rng: Source of the beliefs; None is a fixed one, the same at every call.
-        tolerance: What the expected costs of laws may differ by, relative to the scale of costs, above 0; privacies may
+        decision_maker: Any object with `problem` and `decide_many`, from this library or written by a user.
+        rng: Source of the beliefs; None: a fixed seed, the same at every call.
+        tolerance: Largest difference of expected costs of equal laws, relative to the scale of costs, above 0; privacies may
             differ by a millionth.
 
     Raises:
         AssertionError: A promise is broken; the message names it, with the belief and the number.
         InputError: `decision_maker` has no decision problem or no `decide_many`, or `tolerance` is not above 0.
 
-    Cost: some dozens of decisions. Source: Kerckhoffs' principle: what an observer may know is the law K(u|π).
+    Cost: some dozens of decisions. Source: Kerckhoffs' principle: an observer may know the law K(u|π).
 
     Example:
         >>> from inscrutable import FiniteProblem, OriginalDecisionMaker
@@ -68,7 +73,7 @@ def check_decision_maker(
 
 
 def _beliefs(n_states: int, source: np.random.Generator) -> Array:
-    """What is tried everywhere, and beliefs that are nearly certain: there the search has least room."""
+    """Return beliefs to try, including nearly certain ones."""
     tried = tried_beliefs(n_states, source)
     certain = tolerances.NEARLY_CERTAIN * np.eye(n_states)[source.integers(n_states, size=_CERTAIN)]
     return np.vstack(
@@ -77,7 +82,7 @@ def _beliefs(n_states: int, source: np.random.Generator) -> Array:
 
 
 def _privacies(answer: Any) -> Array | None:
-    """What a result says of privacy, in expectation where it is a lottery; None where it says nothing."""
+    """Return the stated privacy of a result, in expectation for a lottery; None where it states none."""
     stated = getattr(answer, "expected_privacy", getattr(answer, "privacy", None))
     return None if stated is None else np.atleast_1d(np.asarray(stated, dtype=np.float64))
 
@@ -145,7 +150,7 @@ def _check_alone(decision_maker: Any, beliefs: Array, law: _Law, privacies: Arra
 
 
 def _check_privacy(belief: Array, privacies: Array | None, number: int, answer: Any, what: str) -> None:
-    """Promise that a privacy that is stated does not depend on how the decision maker is asked."""
+    """Promise that a stated privacy is the same for a single belief and among others."""
     other = _privacies(answer)
     if privacies is None or other is None:
         return
@@ -155,13 +160,13 @@ def _check_privacy(belief: Array, privacies: Array | None, number: int, answer: 
 
 
 def _stacked(one: Any) -> Any:
-    """One answer as the answer to a row of one belief."""
+    """Return one result as the result for a row of one belief."""
     told = [name for name in ("action", "actions", "probabilities") if hasattr(one, name)]
     return SimpleNamespace(**{name: np.asarray(getattr(one, name))[None] for name in told})
 
 
 def _check_same(problem: DecisionProblem, beliefs: Array, pair: tuple[_Law, Any], what: str, allowed: float) -> None:
-    """Promise that a law and an answer agree in their mean costs in every state."""
+    """Promise that a law and a result have the same mean costs in every state."""
     law, other = pair[0], _law_of(problem, pair[1], len(beliefs))
     means = [np.einsum("tkx,tk->tx", problem.state_costs(each.points), each.shares) for each in (law, other)]
     off = np.abs(means[0] - means[1]).max(axis=1)

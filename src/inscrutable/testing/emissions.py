@@ -1,4 +1,4 @@
-"""Does an observation law keep the promises that filters and samples of a world build on?"""
+"""Contract checker for observation models: filters and samples of a world rely on these promises."""
 
 from __future__ import annotations
 
@@ -16,16 +16,21 @@ _DEVIATIONS = 6.0  # standard errors by which a mean may be off
 
 
 def check_emission(emission: Emission, *, rng: np.random.Generator | None = None) -> None:
-    """Check on observations of its own drawing that an observation model keeps its promises; silent where it does.
+    """Check on its own samples that an observation model keeps its promises; silent where it does.
 
-    Checked are shapes; that no logarithm is NaN or +∞, and none of a drawn observation −∞ for the state it was drawn in;
-    that every row depends on its own observation alone, the filter's causality; that on average no other state explains
-    a state's draws better, E_i log p_i ≥ E_i log p_j, which exposes draws and likelihoods that do not belong together; that
-    the same seed draws the same; and that `to_dict` is plain data with a type.
+    The promises are:
+
+    - shapes are right;
+    - no log-likelihood is NaN or +∞, and none is −∞ for a sample and its own state;
+    - a row depends on its own observation alone, so filters are causal;
+    - on average no other state explains a state's samples better, E_i log p_i ≥ E_i log p_j, which shows that samples and
+      likelihoods have the same law;
+    - equal seeds draw equal samples;
+    - `to_dict` is plain data with a type.
 
     Args:
-        emission: The observation law, of this library or of a user's own.
-        rng: Source of the states and observations; None is a fixed one, the same at every call.
+        emission: The observation model, from this library or written by a user.
+        rng: Source of the states and observations; None: a fixed seed, the same at every call.
 
     Raises:
         AssertionError: A promise is broken; the message names it, with the state or the row and the number.
@@ -84,7 +89,7 @@ def _check_likelihoods(
 
 
 def _check_drawn(table: Array, state: int) -> None:
-    possible = np.flatnonzero(np.isfinite(table).all(axis=0))  # what cannot be is no likelier
+    possible = np.flatnonzero(np.isfinite(table).all(axis=0))  # an impossible observation is not likelier
     ahead = table[:, [state]] - table[:, possible]
     means, errors = ahead.mean(axis=0), ahead.std(axis=0) / np.sqrt(len(table))
     rival = int((means + _DEVIATIONS * errors).argmin())

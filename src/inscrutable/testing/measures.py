@@ -1,4 +1,4 @@
-"""Does a privacy measure keep the promises that searches, frontiers and bounds build on?"""
+"""Contract checker for privacy measures: searches, frontiers and bounds rely on these promises."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from inscrutable.validation import Array
 
 
 class _Judged(NamedTuple):
-    """What a measure said of sets under one belief."""
+    """The values of a measure for sets under one belief."""
 
     measure: PrivacyMeasure
     belief: Array  # (X,)
@@ -30,21 +30,26 @@ def check_privacy_measure(
 ) -> None:
     """Check on a problem's consistent sets that a measure keeps its promises; silent where it does.
 
-    Checked are that every privacy is one number and no NaN, the same when asked again, of a list as of an array, and leaves
-    what it was given as it was; that no set that holds a belief is worth more than `upper_bound`; that `values` agrees
-    with what single sets are worth or lies above; that an indicator is 0 or −∞; that a distance is ± the distance to the
-    `reference`; and that `at_step` gives a measure.
+    The promises are:
+
+    - a privacy is one number and not NaN, equal when repeated and for a list or an array; the arguments are not changed;
+    - no set that contains a belief has a privacy above `upper_bound`;
+    - `values` equals the privacies of single sets, or lies above them where it is not exact;
+    - an indicator is 0 or −∞;
+    - a distance measure is ± the distance to the `reference`;
+    - `at_step` returns a measure.
 
     Args:
-        measure: The measure, of this library or of a user's own.
-        problem: A decision problem whose decisions' consistent sets are judged, with as many states as the measure expects.
-        rng: Source of the beliefs and decisions; None is a fixed one, the same at every call.
+        measure: The measure, from this library or written by a user.
+        problem: A decision problem with as many states as the measure expects; the measure is evaluated on the consistent sets
+            of its decisions.
+        rng: Source of the beliefs and decisions; None: a fixed seed, the same at every call.
 
     Raises:
         AssertionError: A promise is broken; the message names it, with the belief, the decision and the number.
-        InputError: `measure` or `problem` is none.
+        InputError: `measure` is not a measure, or `problem` not a decision problem.
 
-    Cost: some hundred judgements of one set. Source: the paper, Section III-C.
+    Cost: some hundred evaluations on one set. Source: the paper, Section III-C.
 
     Example:
         >>> from inscrutable import FiniteProblem, MaximalObfuscation

@@ -1,4 +1,4 @@
-"""Whether a decision problem keeps the promises that the library relies on."""
+"""Contract checker for decision problems: the library relies on these promises."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _STEPS_ON_A_RAY = 9
 
 
 class _Sample(NamedTuple):
-    """What a problem is tried on."""
+    """The beliefs and decisions on which a problem is tried."""
 
     problem: DecisionProblem
     beliefs: Array  # (n, X): corners, faces and the interior
@@ -32,7 +32,7 @@ class _Sample(NamedTuple):
     actions: Array  # (m, U): feasible decisions, none of them optimal on purpose
     scale: float  # of the costs
     rng: np.random.Generator
-    allowed: float  # what a promise about costs may lack
+    allowed: float  # tolerance of a promise about costs
 
 
 def check_decision_problem(
@@ -40,24 +40,30 @@ def check_decision_problem(
 ) -> None:
     """Check on random beliefs and decisions that a problem keeps its promises; silent where it does.
 
-    Checked are the shapes of one and many, costs that are finite and convex on segments, gradients against differences of
-    the costs, feasible decisions of least cost whose KKT residual is small, a concave optimal cost, the regret that never
-    falls along a ray from the true belief, beliefs that explain the decisions they lead to, and that what a belief
-    explains is optimal for it and what none explains leaves every belief a regret. Forms that the problem returns must state
-    its costs, slopes and least costs.
+    The promises are:
+
+    - the shapes for one and many decisions are right;
+    - costs are finite, and convex on segments;
+    - gradients agree with differences of the costs;
+    - `solve` returns feasible decisions of least cost, with a small KKT residual;
+    - the optimal cost is concave in the belief;
+    - regret does not decrease along a ray from the true belief;
+    - a belief explains its optimal decision; a decision is optimal for the beliefs that explain it; a decision without an
+      explanation has positive regret under every belief;
+    - forms that the problem returns have its costs, slopes and optimal decisions.
 
     Args:
-        problem: The decision problem, of this library or of a user's own.
-        rng: Source of the beliefs and decisions; None is a fixed one, the same at every call.
-        tolerance: What a promise about costs may lack, relative to their scale, above 0; more than the default for a
-            solver that is less exact.
+        problem: The decision problem, from this library or written by a user.
+        rng: Source of the beliefs and decisions; None: a fixed seed, the same at every call.
+        tolerance: Tolerance of the promises about costs, relative to their scale, above 0; pass more than the default for a
+            less exact solver.
 
     Raises:
         AssertionError: A promise is broken; the message names it, with the belief or decision and the number.
         InputError: `problem` is not a decision problem, or `tolerance` is not above 0.
 
-    Cost: some hundred forward solves. Source: the paper, eq. (3) and Theorem 1; what never falls along a ray is the
-    Bregman divergence of the optimal cost.
+    Cost: some hundred forward solves. Source: the paper, eq. (3) and Theorem 1; regret is the Bregman divergence of the optimal
+    cost, which does not decrease along a ray.
 
     Example:
         >>> from inscrutable import FiniteProblem
@@ -135,7 +141,7 @@ def _check_convexity(sample: _Sample) -> None:
 
 
 def _check_gradients(sample: _Sample) -> None:
-    """A gradient, or one of the slopes at a kink, never overstates the cost a small step on either side."""
+    """Check that a gradient, or a subgradient at a kink, never overestimates the cost a small step away."""
     problem, rng = sample.problem, sample.rng
     gradients, costs = problem.cost_gradients(sample.actions), problem.state_costs(sample.actions)
     steps = rng.permutation(sample.actions) - sample.actions
@@ -154,7 +160,7 @@ def _check_gradients(sample: _Sample) -> None:
 
 
 def _check_forms(sample: _Sample) -> None:
-    """A form that is returned states the same costs, slopes and decisions."""
+    """Check that a returned form has the same costs, slopes and decisions."""
     problem = sample.problem
     linear, quadratic, smooth = problem.linear_form(), problem.quadratic_form(), problem.smooth_form()
     for name, form in (("linear_form", linear), ("quadratic_form", quadratic), ("smooth_form", smooth)):
@@ -189,7 +195,7 @@ def _same(sample: _Sample, name: str, what: str, apart: Array) -> None:
 
 
 def _check_lift(sample: _Sample, name: str, form: QuadraticForm | LinearForm | SmoothForm) -> None:
-    """Variables are feasible and lead back to their decisions."""
+    """Check that lifted variables are feasible and map back to their decisions."""
     variables = form.variables(sample.actions)
     beyond = float(np.max(form.constraints.violation(variables)))
     promise(beyond <= tolerances.FEASIBILITY, f"{name} has feasible variables", f"a row is violated by {beyond:.3g}")
@@ -198,7 +204,7 @@ def _check_lift(sample: _Sample, name: str, form: QuadraticForm | LinearForm | S
 
 
 def _check_slopes(sample: _Sample, name: str, form: QuadraticForm | LinearForm | SmoothForm, slopes: Array) -> None:
-    """Where decisions are the variables, slopes are those of the problem along the ways between decisions."""
+    """Check the slopes of a form in the decision's own variables, along segments between decisions."""
     if form.lift is not None:
         return
     steps = sample.actions - sample.actions[::-1]
@@ -250,7 +256,7 @@ def _check_explanations(sample: _Sample) -> None:
         own = problem.state_costs(action)
         if found.is_empty:
             least = nearest_explanation(problem, action)[1]
-            # The least regret is known to a share of what decisions differ by.
+            # The least regret has an accuracy relative to the differences of decisions.
             apart = float(np.abs(own - problem.state_costs(sample.solved[:INTERIOR])).max())
             promise(
                 least > tolerances.GAP_STEP * apart,
@@ -260,7 +266,7 @@ def _check_explanations(sample: _Sample) -> None:
             continue
         for corner in found.vertices():
             regret = float(corner @ (own - problem.state_costs(problem.solve_points(corner))))
-            # A slack below the least counts as none, so the set is a little larger than the decision's own.
+            # A slack below the least counts as zero, so the set is slightly larger than that of the decision.
             slack = problem.constraints.min_slack * np.abs(problem.cost_gradients(action)).max() * action.size
             promise(
                 regret <= slack + sample.allowed,

@@ -1,4 +1,4 @@
-"""What all contract checkers share: how a broken promise is said, and beliefs and decisions to try things on."""
+"""Parts of all contract checkers: the error for a broken promise, and beliefs and decisions to try."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 INTERIOR = 12
-"""How many of the tried beliefs are in the interior."""
+"""Number of tried beliefs in the interior of the simplex."""
 _DECISIONS = 12
 
 
 def promise(kept: bool, what: str, detail: str) -> None:
-    """Raise `AssertionError` with a promise and what was found, unless it is kept."""
+    """Raise `AssertionError` with the promise and the values found, unless it is kept."""
     if not kept:
         raise AssertionError(f"broken promise: {what}; {detail}")
 
@@ -30,7 +30,7 @@ def check_shape(name: str, found: tuple[int, ...], wanted: tuple[int, ...]) -> N
 
 
 def source_of(rng: Any) -> np.random.Generator:
-    """Return the source of what is tried; None is a fixed one, the same at every call."""
+    """Return the generator of the trials; None: a fixed seed, the same at every call."""
     return np.random.default_rng(0) if rng is None else validation.generator(rng)
 
 
@@ -48,9 +48,9 @@ def tried_actions(problem: DecisionProblem, solved: Array, rng: np.random.Genera
         return np.eye(problem.n_actions)[rng.integers(problem.n_actions, size=_DECISIONS)]
     try:
         drawn = random_actions(problem, _DECISIONS, rng=rng)
-    except ModelError:  # unbounded: what is optimal for some beliefs, mixed
+    except ModelError:  # unbounded: mixtures of optimal decisions
         return np.asarray(rng.dirichlet(np.ones(len(solved)), _DECISIONS) @ solved)
-    # Away from the border, where costs such as logarithms have no slope.
+    # Away from the boundary, where costs such as logarithms have no slope.
     return np.asarray(0.9 * drawn + 0.1 * drawn.mean(axis=0))
 
 

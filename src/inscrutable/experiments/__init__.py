@@ -1,1 +1,1 @@
-"""Step 7: many decisions in a row, and their outcome."""
+"""Experiments: sequences of decisions, comparisons, backtests, audits and studies."""

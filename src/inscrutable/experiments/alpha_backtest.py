@@ -21,7 +21,7 @@ _FIRST = 24  # months that a signal needs
 
 @dataclass(frozen=True, eq=False)
 class AlphaBacktest:
-    """The worth of an agent's alphas by its own belief, and who gains or loses it, one row a month.
+    """The worth of an agent's alphas by its own belief, the regret of hiding them, and a copier's gain, one row per month.
 
     Args:
         maker: The rule.
@@ -31,8 +31,8 @@ class AlphaBacktest:
         taken: Gain of a rival who plays the published decision at the same time, above the constant one, shape (T,).
         realised: Returns of the constant, the published and the optimal decision, shape (T,3); None without returns.
         bits: Leakage of each decision by the observer's law, shape (T,).
-        errors: (m − m̂)'Q(m − m̂), m̂ what the observer believes after the decision, shape (T,).
-        period: What a row is, in a word.
+        errors: (m − m̂)'Q(m − m̂), m̂ the observer's mean after the decision, shape (T,).
+        period: Name of the period of a row, such as "month".
     """
 
     maker: AlphaDecisionMaker
@@ -56,7 +56,7 @@ class AlphaBacktest:
         return (_POINTS * found).assign(bits=self.bits, error=self.errors)
 
     def figures(self) -> dict[str, Any]:
-        """Return the means as plain data: money in basis points, and beside each figure what the law says."""
+        """Return the means as plain data, in basis points and bits; each figure stands with its expectation under the law."""
         maker, points = self.maker, _POINTS
         means = (points * float(each.mean()) for each in (self.worth, self.given_up, self.taken))
         worth, given, taken = means
@@ -79,7 +79,7 @@ class AlphaBacktest:
         }
 
     def summary(self) -> str:
-        """Return a few lines: means a month beside what the law of the alphas says."""
+        """Return a few lines: monthly means beside their expectations under the law of the alphas."""
         found = self.figures()
 
         def line(name: str, what: str, number: str, of: str = "") -> str:
@@ -113,18 +113,18 @@ def alpha_backtest(
 
     Formula: with c(u) = γ u'Vu − m'u, the worth is c(u₀) − c(u*), u₀ the constant decision; given up is c(u) − c(u*), taken
     c(u₀) − c(u). Their sum is the worth in every month: a rival who copies gains exactly what hiding does not give up.
-    On average, where the alphas follow the law, they are tr(ΘS), tr(ΘE) and the rest.
+    If the alphas follow the law, their means are tr(ΘS), tr(ΘE) and tr(ΘS) − tr(ΘE).
 
     Args:
         maker: The rule; without trading costs.
         alphas: Private means, (T,k), one row a month, labelled by the problem's signals.
-        returns: What the assets earned in the month after each row's decision, (T,n), under the same labels; None: nothing.
+        returns: Returns of the assets in the month after each row's decision, (T,n), same labels; None: no realised returns.
         rng: The source of the draws.
 
     Raises:
         InputError: Labels disagree, or the problem has trading costs.
 
-    Cost: O(k²) a month, and the rule's own.
+    Cost: O(k²) per month, plus that of the rule.
 
     Example:
         >>> from inscrutable import AlphaProblem
@@ -173,11 +173,12 @@ def momentum_alphas(returns: pd.DataFrame, strength: float = 0.05) -> pd.DataFra
     """Return alphas by momentum: the past year without its last month, standardised across assets.
 
     Formula: m = strength · σ_i · z_i, with z_i the standard score of the mean return of rows t−12 … t−2 among the assets,
-    and σ_i the asset's standard deviation over all rows before t. A row uses earlier rows alone; the first 24 have none.
+    and σ_i the asset's standard deviation over all rows before t. A row uses earlier rows only; the first 24 rows have no
+    signal.
 
     Args:
         returns: Simple returns, one row a month, (T,n).
-        strength: The information coefficient that the signal is believed to have, above 0.
+        strength: The assumed information coefficient of the signal, above 0.
 
     Raises:
         InputError: There are no more than 24 rows, or the strength is not above 0.

@@ -1,4 +1,4 @@
-"""What to publish instead of the optimal decisions for private means, month after month."""
+"""Published decisions in place of the optimal ones for private means, month after month."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ LAW_IS_PUBLIC = (
     "reveals them itself. With --state the first run fixes it, and any other is refused."
 )
 
-_SEED = 0  # public, as the law is: every run finds the same rule
+_SEED = 0  # public like the law: every run computes the same rule
 _MANY_ASSETS = 60
 _DRAWS, _FEWER_DRAWS = 1000, 200
-"""Means that the regret under limits is simulated from: 3 s for 60 assets, and 12 s for 500 with fewer, to 1 or 2 %."""
+"""Means drawn to simulate the regret under limits to 1 or 2 %: 3 s for 60 assets; fewer means, 12 s for 500 assets."""
 
 
 def within_limits(maker: AlphaDecisionMaker) -> AlphaDecisionMaker:
-    """Return the rule that spends the budget where inequalities limit decisions; any other as it is.
+    """Return the rule that spends the budget under inequalities; other rules unchanged.
 
-    See `AlphaDecisionMaker.under_limits`. Where silence costs without end the rule stays the safe one, which spends at most the
+    See `AlphaDecisionMaker.under_limits`. Where the silence regret is infinite, the rule is unchanged and spends at most the
     budget.
     """
     problem = maker.problem
@@ -41,15 +41,15 @@ def within_limits(maker: AlphaDecisionMaker) -> AlphaDecisionMaker:
 
 @dataclass(frozen=True, eq=False)
 class ProtectedAlphas:
-    """Decisions that were drawn for private means, and the observer's estimate.
+    """Drawn decisions for private means, and the observer's estimate.
 
     Args:
         maker: The rule.
         index: Labels of the means' rows.
-        decisions: One per row; none where nothing was drawn.
+        decisions: One drawn decision per row; empty where nothing was drawn.
         n_published: Decisions recorded so far.
         spent: Regret of all recorded decisions, by the observer's law.
-        told: Bits that they leaked.
+        told: Bits leaked by all recorded decisions.
         expected: Mean regret and bits of the next decision, by the observer's law.
     """
 
@@ -123,23 +123,23 @@ def protect_alphas(
     publish: bool = False,
     rng: np.random.Generator | None = None,
 ) -> ProtectedAlphas:
-    """Return decisions for private means, drawn by a rule that an observer who remembers all of them knows.
+    """Return drawn decisions for private means, against an observer who knows the rule and remembers all decisions.
 
     Args:
         maker: The rule.
-        alphas: Means, one row a step, labelled by the problem's signals.
-        state: The file that remembers the decisions so far; it is made where there is none, and takes one row a run. None: the
-            rows are a sequence of their own, and all are drawn.
-        public: The public observation of each row, (T,q), the same row labels, where the world has a public sensor. That of the
-            first decision is not used: it is in the law of the start.
+        alphas: Means, one row per step, labelled by the problem's signals.
+        state: The file of the sequence so far, created if missing; each run takes one row. None: the rows are one whole
+            sequence, and all decisions are drawn.
+        public: The public observation of each row, (T,q), with the same row labels, where the world has a public sensor. The
+            first one is not used: the initial law contains it.
         publish: With `state`: draw once and record; otherwise nothing is drawn.
-        rng: The source of the draws; None: the operating system, because the seed determines the draw.
+        rng: The source of the draws; None: the operating system's entropy, because a known seed reveals the draw.
 
     Raises:
         InputError: Labels disagree, public observations are missing, there are many rows for one step, or the file is of
             another rule or in use.
 
-    Cost: the rule's own, once, and O(k²) a row.
+    Cost: that of the rule once, plus O(k²) per row.
 
     Example:
         >>> from inscrutable import AlphaProblem

@@ -1,4 +1,4 @@
-"""A backtest of private means on returns: the signal, the public law of its training sample, and the months after it."""
+"""A backtest of private means on returns: the signal, its public law from a training sample, and the months after it."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ class AlphaSettings:
         objective: "information" or "error".
         covariance: How V is estimated from the training sample: "sample", "ledoit-wolf" or "factor:k"; None chooses by the
             amount of data.
-        train_until: Last date of the training sample, or the month or year that it is the end of.
-        seed: Of the draws.
+        train_until: Last date of the training sample, or the month or year at whose end it ends.
+        seed: Seed of the draws.
 
     Example:
         >>> AlphaSettings().budget
@@ -69,28 +69,28 @@ def run_alpha_backtest(
     prior_covariance: pd.DataFrame | None = None,
     world: LinearGaussianWorld | None = None,
 ) -> AlphaBacktest:
-    """Walk an investor with private expected returns through real returns, against the aware observer.
+    """Backtest an investor with private expected returns on real returns, against the aware observer.
 
     Formula: the public law of the alphas is `prior_covariance` or `world`. Without these it is estimated from the T rows
     before the first decision: m_{t+1} = ρ m_t + w, with S = (1/T) Σ m_t m_t', ρ = Σ m_t'm_{t+1} / √(Σ|m_t|² Σ|m_{t+1}|²), and
-    (1 − ρ²) S the covariance of w. The investor trades free of cost and without limits; what it does not hold earns the
-    riskless return.
+    (1 − ρ²) S the covariance of w. The investor trades without costs or limits; wealth outside the assets earns the riskless
+    return.
 
     Args:
         returns: Simple returns as fractions, dates in the index, (T,n).
         alphas: Expected excess returns about the row after each date, columns as in `returns`; None: `momentum_alphas`.
-        settings: What the investor is; None: the defaults.
+        settings: The investor's settings; None: the defaults.
         riskless: Riskless return of every row; None: zero.
-        prior_covariance: S, where each row is a draw of its own.
-        world: How the alphas move.
+        prior_covariance: S, for independent rows.
+        world: The dynamics of the alphas.
 
     Returns:
-        An `AlphaBacktest`: what is given up and what is taken at every date from the end of the training sample on.
+        An `AlphaBacktest` with the regret and the copier's gain at every date from the end of the training sample on.
 
     Raises:
-        InputError: Dates or labels do not fit, or there are too few rows of alphas before the first decision.
+        InputError: Dates or labels disagree, or there are too few rows of alphas before the first decision.
 
-    Cost: O(n²) a month, and the rule's own.
+    Cost: O(n²) per month, plus that of the rule.
 
     Example:
         >>> from inscrutable.datasets import load_industry_returns
@@ -117,10 +117,10 @@ def run_alpha_backtest(
 
 
 def _by_decision(sample: ReturnsSample, alphas: pd.DataFrame | None) -> pd.DataFrame:
-    """Alphas by the date at whose end one decides, columns in the order of the returns'."""
+    """Return the alphas by date of decision, columns in the order of the returns."""
     dates, names = pd.DatetimeIndex(sample.returns.index), sample.returns.columns
     if alphas is None:
-        about = momentum_alphas(sample.returns)  # by the row that they are about
+        about = momentum_alphas(sample.returns)  # by the row that they forecast
         means = about.set_axis(dates[dates.get_indexer(about.index) - 1], axis=0)
     else:
         check_dates(alphas.index, "alphas")
@@ -132,7 +132,7 @@ def _by_decision(sample: ReturnsSample, alphas: pd.DataFrame | None) -> pd.DataF
 
 
 def _before(sample: ReturnsSample, means: pd.DataFrame) -> pd.DataFrame:
-    """The alphas before the first decision, one a row of the returns from the first of them on."""
+    """Return the alphas before the first decision, one per row of the returns from the first alpha on."""
     past, dates = means.loc[means.index < sample.decided[0]], pd.DatetimeIndex(sample.training.index[:-1])
     refuse_missing(
         dates[dates >= past.index[0]] if len(past) else dates[:0], past.index, "alphas", "the training sample"
@@ -160,7 +160,7 @@ def _risk(sample: ReturnsSample, given: str | None) -> pd.DataFrame:
 
 
 def _law(past: pd.DataFrame) -> LinearGaussianWorld:
-    """The world that the alphas before the first decision move in: one rate of decay, and their own second moments."""
+    """Return the world of the alphas before the first decision: one rate of decay, and their second moments."""
     names = past.columns
     means: Array = validation.finite_array(past.to_numpy(), "alphas", ndim=2)
     if len(means) <= len(names):
@@ -195,10 +195,10 @@ class LinearWorldFile(Section):
 def read_linear_world(path: PathLike) -> LinearGaussianWorld:
     """Read a world from a JSON file with the keys of `LinearGaussianWorld`'s arguments, and `states` for their names.
 
-    The public sensor is under `public_sensor` and `public_noise`, both or none.
+    The keys `public_sensor` and `public_noise` give the public sensor, both or neither.
 
     Raises:
-        InputError: With the file and the place in it: a key is missing or unknown, a value is of another kind.
+        InputError: With the file and the place in it: a key is missing or unknown, or a value has the wrong type.
         ModelError: A covariance is indefinite.
     """
     source = path_of(path, "a world")

@@ -1,4 +1,4 @@
-"""What decisions about private alphas tell over budgets: rules of fewest bits and of largest errors, beside the best of any."""
+"""Leakage and error of decisions about private alphas by budget, for both objectives, beside the bound of any rule."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ Rate = Annotated[float, Field(ge=0.0, lt=1.0)]
 
 
 class AlphaStudyFile(PlanFile):
-    """Agents with private alphas of some assets, one market in each repeat, and the observer who knows the rule.
+    """Agents with private alphas, one market per repeat, and the aware observer.
 
-    Alphas follow m_{t+1} = persistence · m_t + w; what the agent sees of them is exact. Budgets are shares of the silence
-    regret. Risk has some factors, and so have the alphas, others than the risk.
+    Alphas follow m_{t+1} = persistence · m_t + w; the agent observes them exactly. Budgets are shares of the silence regret.
+    Risk and alphas both have factors, which differ.
     """
 
     kind: Literal["alphas"] = "alphas"
@@ -39,7 +39,7 @@ class AlphaStudyFile(PlanFile):
 def market_of(
     plan: AlphaStudyFile, persistence: float, rng: np.random.Generator
 ) -> tuple[AlphaProblem, LinearGaussianWorld]:
-    """Return a market: its risk, and the world that moves the alphas; at one seed the same for every persistence."""
+    """Return a market: its risk and the world of the alphas; one seed gives the same market for every persistence."""
     n, k = plan.assets, plan.factors
 
     def spread(size: float) -> Array:
@@ -58,10 +58,10 @@ def figures_of(
     objective: Goal,
     seeds: tuple[np.random.SeedSequence, np.random.SeedSequence],
 ) -> dict[str, float]:
-    """Return what one rule costs and tells, by its law and along a simulated path, and the best figures of any rule.
+    """Return regret, leakage and error of one rule, by its law and along a simulated path, and the bounds of any rule.
 
-    The seeds are of the market and of the path. Errors are shares of the variance of the alphas, and regrets of the silence
-    regret.
+    `seeds` are those of the market and of the path. Errors are shares of the variance of the alphas, regrets shares of the
+    silence regret.
     """
     problem, world = market_of(plan, persistence, np.random.default_rng(seeds[0]))
     goals: tuple[Goal, Goal] = ("information", "error")

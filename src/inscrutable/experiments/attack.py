@@ -1,6 +1,6 @@
 """The beliefs that explain each row of published weights, rounding included.
 
-How much regret rounding can cause, so that the true belief is always among those read, is derived in `adversaries.rounded`.
+`adversaries.rounded` derives the regret that rounding can cause; with it the set always contains the true belief.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _BASIS_POINTS = 10_000.0
 
 
 class Reading(Enum):
-    """How a row was read; the text says what the numbers mean."""
+    """The kind of set computed for a row; the text says what the numbers mean."""
 
     EXACT = "exact: the beliefs these weights are optimal for"
     ROUNDED = "near-optimal: the beliefs these weights are optimal for before rounding are among them"
@@ -50,8 +50,9 @@ class RowReading:
         reading: How it was read.
         action: û, the weights as a feasible decision, shape (U,).
         adjustment: Largest change of a weight to get there.
-        estimate: The observer's guess, shape (X,): the centre of the exact set, the member of the near-optimal set nearest
-            to the middle of its bounds (its corners crowd where it is curved), or the belief of least regret.
+        estimate: The observer's estimate, shape (X,): the centre of the exact set; the member of the near-optimal set nearest
+            to the middle of its bounds (not the mean of its corners, which cluster where it is curved); or the belief of least
+            regret.
         bounds: Least and greatest probability of each regime, shape (X,2); NaN where no belief explains the row.
         corners: Corners of the set, shape (V,X); V = 0 where it is empty, or rounded with more than three regimes.
         residual: Smallest KKT residual over all beliefs, relative to the gradient's scale: 0 where Π(û) holds a belief.
@@ -72,14 +73,14 @@ class RowReading:
 
 @dataclass(frozen=True, eq=False)
 class Attack:
-    """Rows of weights read back into beliefs, in the file's order.
+    """Beliefs inferred from rows of weights, in the file's order.
 
     Args:
-        model: The investor the observer has in mind.
+        model: The investor's model that the observer assumes.
         index: Labels of the rows, T of them.
         rows: One reading per row.
         decimals: Decimals the weights were rounded to, None for full precision.
-        regret: What weights may cost above the best ones, beside rounding, in the cost's unit.
+        regret: The regret allowed besides rounding, in the cost's unit.
     """
 
     model: InvestorModel
@@ -93,7 +94,7 @@ class Attack:
 
     @property
     def estimates(self) -> Array:
-        """The observer's guesses, shape (T,X)."""
+        """The observer's estimates, shape (T,X)."""
         return np.array([row.estimate for row in self.rows])
 
     @property
@@ -107,7 +108,7 @@ class Attack:
         return np.array([row.action for row in self.rows])
 
     def count(self, reading: Reading) -> int:
-        """Return how many rows were read in a way."""
+        """Return the number of rows with a reading."""
         return sum(row.reading is reading for row in self.rows)
 
     def summary(self) -> str:
@@ -142,29 +143,29 @@ def attack_weights(
     """Return the beliefs that explain each row of published weights.
 
     Formula: Π(û) for weights in full precision, Π_ε(û) = {π : ρ(π,û) ≤ ε} for rounded ones and where Π(û) is empty; û is the
-    nearest feasible decision and ε what rounding can cost (this module's head).
+    nearest feasible decision and ε the regret that rounding can cause (`adversaries.rounded`).
 
     Args:
-        model: The investor that the observer has in mind.
+        model: The investor's model that the observer assumes.
         weights: As `read_weights` returns them, or a frame with one column per asset and one row per decision.
         decimals: Digits after the point that the weights were rounded to, at least 0; None takes them from the table,
             and for a frame means full precision.
-        regret: What weights may cost above the best ones, at least 0, in the cost's unit, a return per row: 0.0005 for 5 basis
-            points. Above 0 near-optimal sets are read.
+        regret: The regret allowed, at least 0, in the cost's unit, a return per row: 0.0005 for 5 basis points. Above 0 the
+            sets are near-optimal.
         previous: The weights published before the first row, labelled or in the model's order, where the model limits turnover;
-            each row is then the previous one of the next. None: the first row was free.
+            each row is then the previous one of the next row. None: no limit on the first row.
         progress: Called with (rows done, rows in all).
 
     Returns:
-        An `Attack`; rows that nothing explains are a status, not an error.
+        An `Attack`; a row that no belief explains has a status and raises no error.
 
     Raises:
         InputError: Columns are not the model's assets, a cell is not finite, there is no row, or a row violates a
             constraint by more than `tolerances.PUBLISHED_SUM` and more than U half units of its last digit; the model limits
             turnover, and weights are rounded.
 
-    Cost: about 0.1 s a row that is rounded with three regimes, 1 s with five; a millisecond otherwise.
-    Source: the paper, Theorem 1; this module's head.
+    Cost: about 0.1 s per rounded row with three regimes, 1 s with five; 1 ms per exact row. Source: the paper, Theorem 1;
+    `adversaries.rounded` for rounding.
 
     Example:
         >>> from inscrutable.problems import MarkowitzProblem
@@ -236,7 +237,7 @@ def _read_near(problem: MarkowitzProblem, published: Array, half: float, regret:
         return RowReading(
             Reading.IMPLAUSIBLE, whole.action, whole.adjustment, estimate, nothing, corners, residual, gap, allowed
         )
-    # Corners of a smooth set are many above two dimensions, and only a triangle can be drawn.
+    # A smooth set has many corners above two dimensions, and only triangles are drawn.
     corners = near.vertices() if problem.n_states <= _DRAWN_STATES else np.zeros((0, problem.n_states))
     # The outer polytope's bounds: at most a hundredth of ε too wide, never too narrow.
     bounds = np.column_stack([corners.min(axis=0), corners.max(axis=0)]) if len(corners) else near.bounds()
@@ -276,10 +277,10 @@ def _aligned(frame: Any, assets: tuple[str, ...]) -> Array:
 
 
 def _check_rows(model: InvestorModel, published: Array, index: pd.Index, half_unit: float) -> None:
-    """Refuse rows that no rounding brings into the feasible set: U rounded weights may miss a sum by U half units."""
+    """Raise `InputError` for rows that rounding cannot explain: U rounded weights may miss a sum by U half units."""
     region = model.problem.constraints
     if isinstance(region, MagnitudeRegion):
-        region = region.rows  # its limits are met by the nearest feasible weights
+        region = region.rows  # the nearest feasible weights meet its limits
     broken = np.maximum(-region.slacks(published), 0.0)
     scale = np.abs(region.A_eq).max(axis=1, initial=0.0)
     off = np.abs(published @ region.A_eq.T - region.b_eq) / scale

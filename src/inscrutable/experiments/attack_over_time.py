@@ -1,4 +1,4 @@
-"""What the aware observer concludes from all weights so far; it knows the rule and how the investor's belief moves."""
+"""The aware observer's law of the belief given all weights so far; it knows the rule and the belief's dynamics."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class AttackOverTime:
     """The aware observer's belief after each row.
 
     Args:
-        attack: The same weights read one by one, at face value.
-        rule: How the weights are taken to be made.
+        attack: The same weights, each read alone by the naive observer.
+        rule: The rule that the observer assumes.
         inferred: The observer's law of the belief after each row, and how each row was read.
     """
 
@@ -44,7 +44,7 @@ class AttackOverTime:
     inferred: InferredBeliefs
 
     def table(self) -> pd.DataFrame:
-        """Return one row per published row: the estimate of each regime, the error expected of it, and how it was read."""
+        """Return one row per published row: the estimate of each regime, its expected error, and the row's status."""
         table = pd.DataFrame(self.inferred.mean, index=self.attack.index, columns=list(self.attack.model.regimes))
         table["expected error"] = self.inferred.spread
         table["reading"] = [status.value.partition(":")[0] for status in self.inferred.statuses]
@@ -61,21 +61,21 @@ class AttackOverTime:
 def attack_over_time(
     attack: Attack, rule: str, budget: Budget | float | None = None, *, state: str | Path | None = None
 ) -> AttackOverTime:
-    """Return what the aware observer, who knows the rule, its budget and the model, concludes from all rows up to each.
+    """Return the aware observer's law of the belief after each row; it knows the rule, its budget and the model.
 
-    Rows follow each other in time, one step apart. A decision that the rule plays under no belief of the grid counts as the
-    nearest that it plays.
+    Rows are one step apart in time. A decision that the rule plays under no belief of the grid is replaced by the nearest
+    played one.
 
     Args:
         attack: From `attack_weights`.
-        rule: How the weights are made: "optimal", "cdm", "pdm" or "sequential".
-        budget: What the rule spends; None is the model's. For "sequential" it is that of the file.
-        state: The file of the sequence, for "sequential": its prices are taken from there, and no decision.
+        rule: The rule: "optimal", "cdm", "pdm" or "sequential".
+        budget: The rule's budget; None: the model's. For "sequential" it is that of the file.
+        state: For "sequential": the file of the sequence, from which the rule's prices are taken, but no decision.
 
     Raises:
-        InputError: There is no such rule, or the file is missing, damaged, in use, of another model or budget, or not given.
+        InputError: The rule is unknown, or the file is not given, missing, damaged, in use, or of another model or budget.
 
-    Cost: one decision for each of some 500 beliefs, and a step of the filter a row.
+    Cost: one decision for each of about 500 beliefs, and one filter step per row.
 
     Source: see `SequentialAdversary`.
 
@@ -94,7 +94,7 @@ def attack_over_time(
     chain = chain_of(model)
     limit = model.budget if budget is None else as_budget(budget)
     known = _mechanism(model, chain, rule, limit, state)
-    # The sequential rule's law is by its own chain; any other is read by one who rules nothing out.
+    # For the sequential rule the chain is its own; for others the chain rules out no move.
     followed = SequentialAdversary(chain if rule == "sequential" else doubted(chain), known)
     return AttackOverTime(attack, rule, followed.filter(attack.actions, nearest=True))
 

@@ -1,4 +1,4 @@
-"""A backtest: a regime-switching investor walks forward through returns while a rival reads its published weights.
+"""A backtest: a regime-switching investor decides month by month on real returns; observers read its published weights.
 
 Causal throughout. The regimes are fitted once, on the training sample. From then on, at the end of row t the investor
 holds the belief about row t+1 given the returns up to row t, publishes a portfolio, and earns the return of row t+1.
@@ -205,7 +205,7 @@ def _near_the_last(
 
 
 class FittedInvestor(NamedTuple):
-    """What the training sample makes of an investor."""
+    """The regimes fitted to the training sample, and the portfolio problem in them."""
 
     fit: FittedWorld
     world: HiddenMarkovModel

@@ -31,7 +31,7 @@ _DOUBT = 0.01
 
 
 class Beside(NamedTuple):
-    """What rivals are shown of decisions, and what else they read."""
+    """The disclosure of decisions to observers, and their other observations."""
 
     disclosure: Disclosure = Disclosure()
     returns: Array | None = None  # (T,U): what portfolios earn, for a disclosure that shows nothing else of them
@@ -40,7 +40,7 @@ class Beside(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class AwareReading:
-    """What the aware observers read: one from each decision alone, one from all up to it.
+    """Estimates of the aware observers: one uses each decision alone, one all decisions up to it.
 
     Args:
         prior: The long-run law of the belief in the fitted world, on a grid: what the rival holds likely.
@@ -76,10 +76,10 @@ def resolution_for(n_states: int, most: int | None = None) -> int:
 
 
 def doubted(chain: BeliefChain) -> BeliefChain:
-    """Return a chain that allows moves which the simulated path never made: now and then the belief is drawn anew.
+    """Return the chain mixed with independent draws from the prior, so that no move has probability 0.
 
-    Formula: T = (1 − ε) T + ε 1 w', which keeps the prior w. Without it, real data contradict the rival in every fifth row, who
-    then reads optimal portfolios worse than from each alone.
+    Formula: T = (1 − ε) T + ε 1 w', which keeps the prior w. Without it, every fifth row of real data has probability 0, and
+    the observer's error exceeds that from single decisions.
     """
     weights = chain.prior.weights
     anew = np.tile(weights, (len(chain.prior), 1))

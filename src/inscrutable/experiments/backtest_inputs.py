@@ -1,4 +1,4 @@
-"""What a backtest starts from: the investor's settings and a sample of returns, checked and aligned by label."""
+"""Inputs of a backtest: the investor's settings and a sample of returns, checked and aligned by label."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class BacktestSettings:
         risk_aversion: γ of γu'Σu − μ'u (no ½), per unit of return. At 5 the investor in the embedded industries holds
             four of them, and |c*| stays clear of zero, so a share of it means something in every month; from 7 on c*
             changes its sign in between.
-        budget: What all decision makers spend, a share of |c*| or a `Budget`. None: a tenth of |c*| at every decision of CDM
+        budget: Budget of all decision makers, a share of |c*| or a `Budget`. None: a tenth of |c*| at every decision of CDM
             and PDM, as in the paper, and half the silence regret of the fitted world in the long run of the SDM.
         measure: Privacy measure Ψ; the default is the paper's `MaximalObfuscation()`.
         cost_bps: Cost per unit traded, in basis points of it, at least 0; 10 is the usual order for large stocks.
@@ -52,7 +52,7 @@ class BacktestSettings:
         disclosure: What one more rival is shown of the weights, how often and how late, such as "every(3)|delayed(2)", in rows
             of the returns; of `portfolio_return()` it knows the returns. Steps count from the first decision.
         rival: A rival's decision problem, as `read_rival` gives it, for the worth of beliefs and weights; None: the investor's
-            own. The SDM does not go by it: it reveals least information.
+            own. The SDM does not use it: it minimises information.
 
     Raises:
         InputError: A number is out of its range, `measure` is no privacy measure, or there is no such disclosure.

@@ -2,7 +2,7 @@
 
 The observer with the public number alone has E[π_t|z_0..t] = p(x|z_0..t), an ordinary filter of the public number. One who
 also sees the weights uses the law of the belief on the grid of the other observers, with the number discretised to quantiles:
-with particles, which need no cells, real returns have probability 0 far more often.
+with particles, real returns have probability 0 far more often.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ PUBLIC_SYMBOLS = 8
 
 @dataclass(frozen=True, eq=False)
 class BesideReturns:
-    """What is read beside weights and returns.
+    """Observations besides weights and returns.
 
     Args:
         public: What the rival follows itself: "none"; "market", the return of `market`, or without one the mean of the assets;
@@ -62,7 +62,7 @@ class BesideReturns:
 
 @dataclass(frozen=True, eq=False)
 class PublicWorld:
-    """What is public in a backtest.
+    """The public observation of a backtest.
 
     Args:
         said: What is followed, in words.

@@ -1,4 +1,4 @@
-"""What a backtest found: decisions, what the rival read from them, what they earned, and the figures of its table."""
+"""Results of a backtest: decisions, observers' estimates, returns, and the figures of its table."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SEQUENTIAL = "SDM"
 
 
 class SharpeComparison(NamedTuple):
-    """Sharpe ratio less the ODM's, per year, before and after the cost of trading."""
+    """Sharpe ratio minus the ODM's, per year, before and after the cost of trading."""
 
     gross: SharpeDifference
     net: SharpeDifference
@@ -43,7 +43,7 @@ class SharpeComparison(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Backtest:
-    """What a backtest found. Row t of every (T,…) array is one decision, made at `dates[t]`.
+    """Results of a backtest. Row t of every (T,…) array is one decision, made at `dates[t]`.
 
     Args:
         settings: What was asked for.
@@ -53,10 +53,10 @@ class Backtest:
         problem: The portfolio problem, which the rival knows.
         candidates: The decoys that CDM and PDM share.
         beliefs: (T,X) beliefs about the row after each date, given the data up to the date.
-        episode: What each decision maker published and what the rival inferred from it.
-        performance: What each decision maker earned.
+        episode: The decisions of each decision maker, and the naive observer's inference.
+        performance: Returns of each decision maker.
         comparisons: Sharpe ratios against the ODM's.
-        aware: What the aware observers read; None where a target is given per step, and where turnover is limited.
+        aware: Estimates of the aware observers; None where a target is given per step, and where turnover is limited.
         sequential: The sequential rule, which published as `SEQUENTIAL`; None where it did not.
         public: Estimates of observers who follow a public number; None in results of before there were any.
         rival: The loss of the rival to whom beliefs and weights are worth something; None: by the investor's own problem.
@@ -229,7 +229,7 @@ class Backtest:
 
 
 def resting_beliefs(beliefs: pd.DataFrame) -> list[str]:
-    """Say of beliefs (T,X) whether they hardly move, or else which regimes' probabilities do not."""
+    """Return a warning if beliefs (T,X) hardly vary, or the probabilities of some regimes do not; otherwise none."""
     rows = beliefs.to_numpy()
     spread = float(np.sqrt(((rows - rows.mean(axis=0)) ** 2).sum(axis=1).mean()))
     if spread < tolerances.BELIEF_MOVES:

@@ -1,4 +1,4 @@
-"""The sequential rule in a backtest: what it publishes row by row, and a bound for every rule of its regret."""
+"""The sequential rule in a backtest: its decisions by row, and a bound for every rule of the same regret."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _MOST_BELIEFS = 150
 
 @dataclass(frozen=True, eq=False)
 class SequentialPart:
-    """What the sequential rule did in a backtest.
+    """Results of the sequential rule in a backtest.
 
     Args:
         maker: The rule, on the law of the belief in the fitted world, with its prices.
@@ -110,7 +110,7 @@ def play_sequentially(
 ) -> SequentialPart | None:
     """Return what the sequential rule publishes along beliefs (T,X); None where there is nothing to spend.
 
-    Information alone counts: with a price of the error prices take minutes to find, and some steps are not solved.
+    The rule minimises information alone: with a price of the error, calibration takes minutes and some steps fail.
 
     Args:
         world: The fitted world, whose predicted belief the rule takes the law of.

@@ -1,8 +1,8 @@
-"""A backtest whose weights may move by so much a row: every decision is made near the one published before it.
+"""A backtest with a limit on turnover: every decision is near the previously published one.
 
 The decision before is public. So an observer knows the feasible set of each decision, and reads it with that month's problem:
-Π_t(u) = {π : u is optimal for π near u_{t−1}}. Each decision maker has a path of its own. How likely a decision is depends
-on the one before, so that no one mechanism K(u|π) describes a rule: the aware observers are not modelled.
+Π_t(u) = {π : u is optimal for π near u_{t−1}}. Each decision maker has its own path. The law of a decision depends on the
+previous one, so no single mechanism K(u|π) describes a rule, and aware observers are not modelled.
 """
 
 from __future__ import annotations

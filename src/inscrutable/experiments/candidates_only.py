@@ -1,4 +1,4 @@
-"""Choices among candidates alone, as the paper's programme makes them: several beliefs then share a decision."""
+"""Decisions among candidates alone, as in the paper's programme: several beliefs then share a decision."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from inscrutable.validation import Array
 
 
 class _Lotteries(NamedTuple):
-    """Lotteries as a mechanism reads them."""
+    """Lotteries in the form that `mechanism` takes."""
 
     actions: Array  # (T, 2, U)
     probabilities: Array  # (T, 2)
 
 
 class CandidateDecisionMaker:
-    """The CDM, or the PDM with `mixes`, that chooses among candidates and the optimal decision alone, without polish."""
+    """The CDM, or with `mixes` the PDM, restricted to candidates and the optimal decision, without local refinement."""
 
     def __init__(
         self, problem: DecisionProblem, budget: Budget, candidates: Candidates, *, mixes: bool = False
@@ -32,7 +32,7 @@ class CandidateDecisionMaker:
         self.problem, self.budget, self.candidates, self.mixes = problem, budget, candidates, mixes
 
     def decide_many(self, beliefs: ArrayLike) -> Any:
-        """Return the most private affordable candidate of every belief, or lottery of two; else the optimal decision."""
+        """Return each belief's most private affordable candidate, or lottery of two; otherwise the optimal decision."""
         held = np.asarray(beliefs, dtype=np.float64)
         costs = np.atleast_1d(self.problem.optimal_cost(held))
         limits = self.budget.limits(costs)
@@ -49,7 +49,7 @@ class CandidateDecisionMaker:
         return _Lotteries(self.problem.as_actions(actions), shares)
 
     def _mix(self, scores: Scores, limit: float, actions: Array, shares: Array) -> None:
-        """Write the best lottery over; the optimal decision stands where the row of actions has it already."""
+        """Overwrite rows with the best lottery; the optimal decision stays where the row already has it."""
         corners = scores.settled(concave_envelope)
         regrets = np.concatenate([[0.0], scores.regrets[corners]])
         privacies = np.concatenate([[0.0], scores.privacies[corners]])

@@ -1,4 +1,4 @@
-"""Every claim of the paper's Section V as a test with a number; the criteria were fixed before any market was run."""
+"""Every claim of the paper's Section V as a quantitative test; the criteria were fixed before any run."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from inscrutable.experiments.market_runs import GLOBAL, PAPER, MarketRun, Varian
 from inscrutable.validation import Array
 
 MATERIAL = 0.01
-"""A gain in privacy that counts: one percentage point of belief."""
+"""Least gain in privacy that counts: one percentage point of belief."""
 
 SATURATED = 0.01
-"""A privacy within this share of its value at the largest budget has saturated."""
+"""Privacy within this share of its value at the largest budget counts as saturated."""
 
 ERRORS = 2.0
-"""An average is on the claimed side when it is so by this many standard errors over the markets."""
+"""Standard errors over the markets by which an average must be on the claimed side."""
 
 
 class Rule(Enum):
-    """When a claim holds over many markets."""
+    """The condition under which a claim holds over many markets."""
 
     ALWAYS = "in every market"
     ON_AVERAGE = f"on average over the markets, by {ERRORS:g} standard errors, or in every market"
@@ -34,7 +34,7 @@ class Rule(Enum):
 
 
 class Verdict(Enum):
-    """What the markets say about a claim."""
+    """The verdict on a claim."""
 
     HOLDS = "holds"
     FAILS = "fails"
@@ -44,16 +44,16 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """A sentence of the paper as a quantity of one market that must be at least, or at most, a bound.
+    """A claim of the paper: a quantity of one market that must be at least, or at most, a bound.
 
     Args:
         key: A short name.
         text: The claim in the paper's words.
-        rule: Over which markets the bound must be met.
-        quantity: What is measured in one market.
-        measure: (market, what the variant did in it) → the quantity, one number or several that must all meet the bound.
+        rule: The markets in which the bound must hold.
+        quantity: Description of the quantity measured in one market.
+        measure: Function of a market and a variant's run in it; returns one number, or several that must all meet the bound.
         bound: The bound, in the quantity's unit.
-        at_least: Whether the bound is from below.
+        at_least: Whether the bound is a lower bound.
     """
 
     key: str
@@ -75,9 +75,9 @@ class Finding:
     """One claim in one variant.
 
     Args:
-        measured: The average, or for claims about every market the least favourable and about some the most favourable
-            market's quantity; of several quantities the least favourable one.
-        standard_error: Of an average over the markets; NaN otherwise.
+        measured: For claims on average: the mean. For claims about every market: the least favourable quantity. For claims
+            about some market: the most favourable one. Of several quantities in a market, the least favourable counts.
+        standard_error: Standard error of an average over the markets; NaN otherwise.
         share: Share of the markets in which the claim holds.
         holds: Whether the rule is met.
     """
@@ -90,7 +90,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class JudgedClaim:
-    """A claim with what was found for the paper's decision makers and for the global ones."""
+    """A claim with the findings for the paper's decision makers and for the global ones."""
 
     key: str
     text: str
@@ -134,9 +134,9 @@ def _finding(claim: Claim, runs: Sequence[MarketRun], variant: str) -> Finding:
 
 
 def finding_of(measured: Array, rule: Rule, bound: float, *, at_least: bool = True) -> Finding:
-    """Return whether quantities (markets, n) meet a bound as a rule asks."""
+    """Return the finding whether quantities (markets, n) meet a bound under a rule."""
     sign = 1.0 if at_least else -1.0
-    # Turned so that more is better.
+    # Signed so that larger is better.
     values, bound = sign * measured, sign * bound
     share = float((values >= bound).all(axis=1).mean())
     if rule is not Rule.ON_AVERAGE:
@@ -147,13 +147,13 @@ def finding_of(measured: Array, rule: Rule, bound: float, *, at_least: bool = Tr
     means = values.mean(axis=0)
     errors = values.std(axis=0, ddof=1) / np.sqrt(len(values))
     worst = int((means - ERRORS * errors).argmin())
-    # Ties in almost every market leave an average of a few rounding units: what every market meets, the average meets.
+    # With ties in almost every market the average is of rounding size: if every market meets the bound, so does the average.
     holds = share == 1.0 or bool(means[worst] - ERRORS * errors[worst] >= bound)
     return Finding(sign * float(means[worst]), float(errors[worst]), share, holds)
 
 
 def rank_agreement(first: ArrayLike, second: ArrayLike) -> float:
-    """Return Kendall's τ_b of two sequences, 0 where one of them does not vary; rounding makes no difference.
+    """Return Kendall's τ_b of two sequences, 0 where one is constant; differences of rounding size count as ties.
 
     Example:
         >>> rank_agreement([1.0, 2.0, 3.0], [0.1, 0.5, 0.5]).__round__(3)
@@ -179,7 +179,7 @@ def saturation_budget(budgets: ArrayLike, privacies: ArrayLike) -> float:
 
 
 def _apart(first: Array, second: Array) -> Array:
-    """The difference; one of rounding size counts as none, so that equal decisions found twice are no gain or loss."""
+    """Return the difference; one of rounding size counts as zero."""
     difference = first - second
     return np.where(np.abs(difference) > tolerances.CLAIM_ROUNDING, difference, 0.0)
 
@@ -195,7 +195,7 @@ def _dearer(run: MarketRun, did: VariantRun) -> float:
 def _gain_of_starts(run: MarketRun, did: VariantRun) -> Array:
     if did is run.variants[PAPER]:
         return np.diff(run.starts)
-    # What the local solver, given all its starts, finds beyond the global one.
+    # The privacy that the local solver with all its starts gains over the global one.
     return np.array([max(run.starts[-1] - did.cdm.privacy[0], 0.0)])
 
 

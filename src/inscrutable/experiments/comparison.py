@@ -1,4 +1,4 @@
-"""A comparison: every way of deciding against every observer, at equal expected regret."""
+"""A comparison: every decision maker against every observer, at equal expected regret."""
 
 from __future__ import annotations
 
@@ -34,28 +34,29 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.saved import Saved
 
 _MOST_DRAWN = 2**27
-"""Decisions sampled for one mechanism: a gigabyte of them."""
+"""Most decisions sampled for one mechanism: one gigabyte."""
 
 
 class ComparisonSettings(Section):
-    """At which budgets decision makers are compared, and after how many decisions.
+    """The budgets and numbers of decisions of a comparison.
 
     Args:
-        budgets: Expected regrets, at least 0, rising.
-        unit: What they are counted in: "silence", shares of the silence regret r₀, at which one constant decision
-            suffices and no leakage is needed; "cost", shares of E|c*|; "regret", the cost's own unit.
-        repeats: Numbers of decisions made under one and the same belief, rising, the first at least 1.
-        draws: Sequences sampled for each, at least 10.
-        pairs: Numbers of pairs of belief and decision, each at least 10, rising, that an observer without other knowledge has
-        seen; none leaves it out. It needs the extra `inscrutable[audit]`.
-        disclosure: What observers are shown of decisions, how often and how late, such as "every(3)|delayed(2)"; "exact" is
-            all, at once. Of single and of repeated decisions those that are shown are meant. The sequential rule goes by it;
-            late and partial trades, which are read from all decisions as they are, are then left out.
-        rival: A rival's use of the belief, as the section [problem] of a study file, such as {"kind": "own"}, the agent's
-            own problem, {"kind": "finite", "costs": [[-1, 0], [1, 0]]} or {"kind": "naming"}; None: nothing but the belief.
+        budgets: Expected regrets, at least 0, ascending.
+        unit: Unit of `budgets`. "silence": shares of the silence regret r₀, at which a constant decision is affordable and
+            nothing leaks; "cost": shares of E|c*|; "regret": the cost's own unit.
+        repeats: Numbers of decisions under one fixed belief, ascending, the first at least 1.
+        draws: Number of sampled sequences for each of `repeats`, at least 10.
+        pairs: Numbers of pairs of belief and decision seen by an observer who has only data, ascending, each at least 10;
+            empty: no such observer. Needs the extra `inscrutable[audit]`.
+        disclosure: What observers see of decisions, how often and how late, such as "every(3)|delayed(2)"; "exact": all, at
+            once. Single and repeated decisions then mean disclosed ones. The sequential rule takes it into account. Delayed and
+            partial trading are then left out, because their observers need all decisions in full.
+        rival: A rival's decision problem, as the section [problem] of a study file: {"kind": "own"} for the agent's own
+            problem, {"kind": "finite", "costs": [[-1, 0], [1, 0]]} or {"kind": "naming"}; None: no rival, the square error of
+            the belief.
 
     Raises:
-        InputError: A number is malformed, the unit unknown, or there is no such disclosure, or it needs returns.
+        InputError: A number is malformed, the unit or the disclosure is unknown, or the disclosure needs returns.
 
     Example:
         >>> ComparisonSettings(budgets=(0.1, 0.2), unit="cost").unit
@@ -81,7 +82,7 @@ class ComparisonSettings(Section):
 
 
 _MOST_NAMED = 2
-"""Decision makers that a summary names; of more it gives the number."""
+"""Most decision makers that a summary names; beyond, it gives their number."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,27 +90,27 @@ class Comparison(Saved):
     """Decision makers against observers at equal expected regret.
 
     Args:
-        rows: One for every decision maker and budget; a decision maker that spends nothing has one.
-        left_out: Decision makers that do not suit the problem.
-        budgets: Expected regrets asked for, in the cost's unit.
-        unit: What they were given in.
-        repeats: Numbers of decisions made under one belief.
-        n_draws: Sequences sampled for them.
-        n_beliefs: B, beliefs of the prior.
-        n_candidates: M, distinct decisions to choose from.
-        prior_entropy: In bits: no more can leak.
-        prior_error: Error without decisions (root mean square), which no rule exceeds.
-        prior_top_state: How often that one names a most likely state.
+        rows: One row per decision maker and budget; one row for a decision maker that spends nothing.
+        left_out: Names of decision makers that do not suit the problem.
+        budgets: Requested expected regrets, in the cost's unit.
+        unit: Unit in which the budgets were given.
+        repeats: Numbers of decisions under one belief.
+        n_draws: Number of sampled sequences for them.
+        n_beliefs: B, number of beliefs of the prior.
+        n_candidates: M, number of distinct candidate decisions.
+        prior_entropy: Entropy of the prior in bits, an upper bound of the leakage.
+        prior_error: Error without decisions (root mean square), an upper bound for every rule.
+        prior_top_state: Probability that an observer without decisions names a most likely state.
         silence_regret: r₀, in the cost's unit.
         mean_cost: E|c*| under the prior, in the cost's unit.
-        per_belief_unit: What budgets per belief are shares of: "|c*|", or "regret" where c* comes near zero.
-        stays: How often the belief is the same at the next decision, by the chain; NaN where it is not known how it moves.
-        pairs: Numbers of pairs seen by an observer of data alone.
-        disclosure: What observers were shown of decisions.
-        secret_worth: What the belief is worth to the rival, in its own unit; NaN without a rival.
+        per_belief_unit: Unit of budgets per belief: "|c*|", or "regret" where c* comes near zero.
+        stays: Probability that the belief is the same at the next decision, by the chain; NaN without a chain.
+        pairs: Numbers of pairs seen by the observer who has only data.
+        disclosure: The disclosure of decisions to observers.
+        secret_worth: Worth of the belief to the rival, in its own unit; NaN without a rival.
         prior_loss: The loss of the rival without any decision.
         rival: The unit of the rival's loss; empty without one.
-        rival_is_own: Whether the rival has the agent's own problem, so that copying cannot be prevented.
+        rival_is_own: Whether the rival has the agent's own problem; it can then always copy.
 
     Source: for each measure the function that computes it; the paper, Section V-B, for the trade-off.
     """
@@ -143,26 +144,26 @@ class Comparison(Saved):
 
     @property
     def middle_budget(self) -> float:
-        """The budget of the summary and of the terminal's table; the lower of two middle ones."""
+        """The middle budget, used in the summary and the terminal's table; the lower one of two."""
         return self.budgets[(len(self.budgets) - 1) // 2]
 
     @property
     def is_moving(self) -> bool:
-        """Whether it is known how the belief moves, so that an observer can follow it."""
+        """Whether the comparison has a chain of the belief, so that an observer can follow it."""
         return any(np.isfinite(row.path_error) for row in self.rows)
 
     @property
     def ceilings(self) -> dict[float, float]:
-        """Errors over time that no rule exceeds, by expected regret, where they were found."""
+        """Upper bounds of every rule's error over time, by expected regret, where known."""
         return {row.budget: row.path_ceiling for row in self.rows if np.isfinite(row.path_ceiling)}
 
     @property
     def is_learned(self) -> bool:
-        """Whether the cost has a risk aversion, so that an observer can lack it."""
+        """Whether the cost has a risk aversion, which an observer may not know."""
         return any(np.isfinite(row.learned_holds) for row in self.rows)
 
     def of(self, maker: str) -> tuple[ComparisonRow, ...]:
-        """Return the rows of one decision maker, by rising budget; raise `InputError` for an unknown one."""
+        """Return the rows of one decision maker, by ascending budget; raise `InputError` for an unknown name."""
         found = tuple(row for row in self.rows if row.maker == maker)
         if not found:
             raise InputError(f"no decision maker {maker!r}; there are {list(self.makers)}")
@@ -200,7 +201,7 @@ class Comparison(Saved):
         )
 
     def at(self, budget: float) -> tuple[ComparisonRow, ...]:
-        """Return the rows of one budget, in the cost's unit, of those who spend anything."""
+        """Return the rows of one budget, in the cost's unit, of all decision makers that spend anything."""
         return tuple(row for row in self.rows if row.budget == budget and row.maker not in SPENDS_NOTHING)
 
     def summary(self) -> str:
@@ -250,7 +251,7 @@ class Comparison(Saved):
         return "\n".join(filter(None, lines))
 
     def sensor_summary(self) -> str:
-        """Return how well the sensor behind the beliefs is read from decisions, at the middle budget."""
+        """Return how well the sensor can be estimated from decisions, at the middle budget, as text."""
         rows = [row for row in self.rows if row.budget in (0.0, self.middle_budget) and np.isfinite(row.sensor_error)]
         if not rows:
             return ""
@@ -263,7 +264,7 @@ class Comparison(Saved):
         return f"{told}; it stays hidden by {', '.join(kept)}." if kept else f"{told}: none hides it."
 
     def rival_summary(self) -> str:
-        """Return what the secret and reading are worth to the rival and what hiding costs, at the middle budget."""
+        """Return the rival's worth of the belief and of one decision, and the cost of hiding, at the middle budget, as text."""
         rows = self.at(self.middle_budget)
         if not self.rival or not rows:
             return ""
@@ -288,14 +289,14 @@ class Comparison(Saved):
 
 
 def _short(observer: str) -> str:
-    """Return an observer's name without what it knows; what it sees stays."""
+    """Return an observer's name without the clause on its knowledge."""
     name, _, knows = observer.partition(", ")
     sees = knows.partition(",")[0].removeprefix("who ")
     return f"{name} who {sees}" if sees.startswith("sees") else name
 
 
 def _few(names: Sequence[str], n: int) -> str:
-    """Return which of n decision makers hide a belief: up to two by name, more as a number."""
+    """Return which of n decision makers hide a belief, as text: up to two names, otherwise a number."""
     if len(names) > _MOST_NAMED:
         return f"{len(names)} of {n} decision makers"
     return " and ".join(names) or "none"
@@ -313,17 +314,17 @@ def compare(
 ) -> Comparison:
     """Compare decision makers against observers at equal expected regret under a prior.
 
-    Every decision maker is made to spend the same expected regret under the prior, to a millionth from below; one with a
-    budget per belief has that budget scaled. One that finds nothing more private to buy spends less, and its row says so.
+    Every decision maker spends the same expected regret under the prior, to a millionth from below; a budget per belief is
+    scaled to that. A decision maker that finds nothing more private spends less; its row states how much.
 
     Args:
         problem: The decision problem.
-        prior: The law of the private belief, known to the observers who use one; or a `BeliefChain`, which also says how
-            the belief moves, as delay and partial trading need it.
-        settings: Budgets and numbers of repeated decisions; None is the default ones.
-        makers: Functions (setting, regret) -> `experiments.setting.Behaviour` by name; None is all of `COMPARED`, of which
-            the rules with a memory need a chain.
-        candidates: Decisions to choose from; None is a grid of decoys about as many as the prior has beliefs.
+        prior: The law of the private belief, known to the observers who use one; or a `BeliefChain`, which also has the
+            transition of the belief; delayed and partial trading need one.
+        settings: Budgets and numbers of repeated decisions; None: the defaults.
+        makers: Functions (setting, regret) -> `experiments.setting.Behaviour` by name; None: all of `COMPARED` (rules with a
+            memory need a chain).
+        candidates: Candidate decisions; None: a grid of about as many decoys as the prior has beliefs.
         rng: Source of the sampled sequences of repeated decisions.
         progress: Called with (rows done, rows in all).
 
@@ -333,8 +334,7 @@ def compare(
     Raises:
         InputError: An argument is malformed, or the prior has another number of states than the problem.
 
-    Cost: for 500 beliefs and as many candidates some seconds per decision maker and budget, of the sequential rule up to a
-    minute.
+    Cost: for 500 beliefs and 500 candidates some seconds per decision maker and budget; for the sequential rule up to a minute.
 
     Source: each measure's own; see `ComparisonRow`.
 
@@ -351,7 +351,7 @@ def compare(
     known = makers_of(COMPARED, setting) if makers is None else checked_makers(makers)
     tasks = ComparisonTasks(setting, ComparisonSettings() if settings is None else settings, known)
     rows = []
-    with threadpool_limits(limits=1):  # many small products: threads would wait for one another, and change last digits
+    with threadpool_limits(limits=1):  # many small products: threads would slow them down and change last digits
         for done, (name, budget) in enumerate(tasks.pairs):
             row = tasks.row(name, budget, rng=source.spawn(1)[0])
             if row is not None:
@@ -363,7 +363,7 @@ def compare(
 
 @dataclass(frozen=True, eq=False)
 class ComparisonTasks:
-    """Every decision maker at every budget on one setting: a row for each, and the comparison of all rows."""
+    """The tasks of a comparison: a row for every decision maker and budget on one setting, and the result of all rows."""
 
     setting: Setting
     settings: ComparisonSettings
@@ -385,7 +385,7 @@ class ComparisonTasks:
         return pairs_of(self.makers, self.budgets)
 
     def row(self, name: str, budget: float, *, rng: np.random.Generator) -> ComparisonRow | None:
-        """Return the figures of one task; None where the decision maker does not suit the problem."""
+        """Return the figures of one task; None if the decision maker does not suit the problem."""
         behaviour = self.makers[name](self.setting, budget)
         shown = self.setting.disclosure
         if behaviour is None or (behaviour.memory is not None and not shown.is_exact):
@@ -397,7 +397,7 @@ class ComparisonTasks:
         return replace(row, data_errors=learned_from_data(observed, self.settings.pairs, shown))
 
     def comparison(self, rows: Sequence[ComparisonRow]) -> Comparison:
-        """Return the comparison that rows make, in the order of the tasks."""
+        """Return the comparison of these rows, in the order of the tasks."""
         setting, prior = self.setting, self.setting.prior
         return Comparison(
             rows=tuple(rows),
@@ -421,7 +421,7 @@ class ComparisonTasks:
         )
 
     def _rival(self) -> dict[str, Any]:
-        """What the belief is worth to the rival, and what it loses without any decision."""
+        """Return the worth of the belief to the rival, and its loss without decisions."""
         loss, prior = self.setting.loss, self.setting.prior
         if loss is None:
             return {}
@@ -440,25 +440,25 @@ COMPARED: Mapping[str, Mapping[str, Any]] = {
     "CDM, candidates only": {"name": "CDM", "method": "candidates"},
     "PDM, candidates only": {"name": "PDM", "method": "candidates"},
     "rate-distortion": {"name": "rate-distortion"},
-    # A gap of one per cent of the squared error's proof shows in no figure.
+    # A proof gap of one per cent of the squared error affects no figure visibly.
     "Stackelberg": {"name": "Stackelberg", "gap": 0.02},
     **{name: {"name": name} for name in ("uniform", "exponential", "coin")},
     "Dirichlet noise": {"name": "Dirichlet noise", "draws": 200},
     **{name: {"name": name} for name in ("rounding", "delay", "partial trades")},
-    # To try other prices of information as well takes several times as long.
+    # Trying other prices of information would take several times as long.
     "sequential": {"name": "sequential", "information_price": float("inf")},
 }
-"""What is compared where nothing else is asked for: decision makers of the registry by the names of rows, with their keys."""
+"""Default decision makers of a comparison: names of rows, with the keys of the registry."""
 
 SPENDS_NOTHING = ("ODM",)
-"""Those whose expected regret is zero whatever the budget: they are judged once."""
+"""Decision makers of zero expected regret at every budget: they have one row."""
 
 
 def makers_named(text: str) -> tuple[str, ...]:
     """Return the names in a text such as "CDM,PDM,rate-distortion", or raise `InputError` for one that `COMPARED` lacks.
 
     Args:
-        text: Names with commas between; a name that has a comma itself is read as one.
+        text: Names separated by commas; a known name that contains a comma counts as one.
     """
     parts, names = [part.strip() for part in text.split(",")], []
     while parts:
@@ -472,7 +472,7 @@ def makers_named(text: str) -> tuple[str, ...]:
 
 
 def refuse_unknown(names: Iterable[str]) -> None:
-    """Raise `InputError` for the first name that is none of `COMPARED`."""
+    """Raise `InputError` for the first name that is not in `COMPARED`."""
     for name in names:
         if name not in COMPARED:
             hint = nearest(name, COMPARED) or f"; expected some of {', '.join(COMPARED)}"
@@ -480,7 +480,7 @@ def refuse_unknown(names: Iterable[str]) -> None:
 
 
 def makers_of(names: Iterable[str], setting: Setting | None = None) -> dict[str, Maker]:
-    """Return makers of `COMPARED` by name; with a setting without the rules that need to know how its belief moves."""
+    """Return makers of `COMPARED` by name; for a setting without a chain, those that need one are left out."""
 
     def maker(chosen: Mapping[str, Any]) -> Maker:
         kind = MAKERS[chosen["name"]]
@@ -509,5 +509,5 @@ def checked_makers(makers: Mapping[str, Maker]) -> dict[str, Maker]:
 
 
 def pairs_of(makers: Iterable[str], budgets: Sequence[float]) -> list[tuple[str, float]]:
-    """Return every decision maker with every budget; those who spend nothing come once."""
+    """Return every pair of decision maker and budget; a decision maker that spends nothing comes once."""
     return [(name, budget) for name in makers for budget in ((0.0,) if name in SPENDS_NOTHING else budgets)]

@@ -1,4 +1,4 @@
-"""What a comparison is made on: a decision problem with a law of the private belief, for three kinds of market."""
+"""The markets of a comparison: a decision problem with a law of the private belief, of three kinds."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from inscrutable.problems import MarkowitzProblem
 PAPER, RETURNS = "paper", "returns"
 
 _RESTS = MarketLaw().persistence
-"""How often the belief of the paper's market stays where it is."""
+"""Probability that the belief of the paper's market stays the same."""
 
 
 _MOST_BELIEFS = 6_000
-"""Beliefs of a comparison at most: tables of beliefs by beliefs are held for every way of hiding."""
+"""Most beliefs of a comparison: every decision maker needs tables of beliefs by beliefs."""
 
 
 @dataclass(frozen=True, eq=False)
 class ComparedMarket:
-    """A problem, how the belief moves that it is solved for, and one line on where both come from."""
+    """A problem, the chain of its belief, and one line on their source."""
 
     problem: MarkowitzProblem
     chain: BeliefChain
@@ -45,7 +45,7 @@ class ComparedMarket:
 
 
 def _few(count: int, resolution: int) -> None:
-    """Refuse more beliefs than can be compared."""
+    """Raise `InputError` for more beliefs than can be compared."""
     if count > _MOST_BELIEFS:
         raise InputError(
             f"resolution {resolution} gives {count:,} beliefs, more than the {_MOST_BELIEFS:,} that can be compared: take a "
@@ -56,8 +56,8 @@ def _few(count: int, resolution: int) -> None:
 def _paper_market(resolution: int, seed: int, limits: LimitsPart) -> ComparedMarket:
     """A random market as the paper draws them, with every belief of a grid equally likely.
 
-    No world leaves every belief equally likely, so the belief does not follow the market's: it stays where it is as often as
-    a regime lasts, and is drawn afresh otherwise.
+    No world makes every belief equally likely, so the chain is not the market's: the belief stays the same as often as a regime
+    lasts, and is otherwise drawn from the uniform law.
     """
     problem = random_market(rng=np.random.default_rng(seed)).problem
     if not limits.is_empty:
@@ -102,16 +102,16 @@ def market_of(
     seed: int,
     limits: LimitsPart = LimitsPart(),  # noqa: B008  # frozen
 ) -> ComparedMarket:
-    """Return "paper", "returns", or what a model.json describes.
+    """Return the market "paper", "returns", or that of a model file.
 
     Args:
         name: One of the two, or the path of a model.json of a backtest.
-        resolution: Of the grid of beliefs: multiples of 1/resolution.
-        seed: Of the market, the fit and the simulated path.
-        limits: What may be held, in place of what the model says; turnover cannot be limited.
+        resolution: Resolution of the grid of beliefs: multiples of 1/resolution.
+        seed: Seed of the market, the fit and the simulated path.
+        limits: Limits on weights that replace the model's; turnover cannot be limited.
 
     Raises:
-        InputError: The file is no model, a number is out of range, or a limit does not go with the market.
+        InputError: The file is not a model, a number is out of range, or a limit does not suit the market.
 
     Example:
         >>> len(market_of("paper", 30, 0).prior)

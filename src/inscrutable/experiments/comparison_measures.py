@@ -24,58 +24,62 @@ class ComparisonRow(Saved):
     """One decision maker at one budget, against every observer.
 
     Errors are root mean squares under the prior and the mechanism, Euclidean, in units of belief; where no belief explains a
-    decision to an observer, its guess is the belief of least regret.
+    decision to an observer, its estimate is the belief of least regret.
 
     Args:
         maker: The decision maker's name.
-        budget: The expected regret asked for, in the cost's unit.
-        expected_regret: The one spent, in the cost's unit; less than asked where nothing more private can be bought.
+        budget: The requested expected regret, in the cost's unit.
+        expected_regret: The expected regret spent, in the cost's unit; less than the budget where nothing more private is
+            affordable.
         worst_regret: The largest regret of any decision played.
         cost_share: Expected regret as a share of E|c*|.
         silence_share: Expected regret as a share of the silence regret r₀.
         naive_privacy: Mean distance of the belief from Π(u), over decisions that some belief explains.
-        naive_error: Of the naive observer: the mean of the corners of Π(u).
-        near_optimal_error: Of the near-optimal observer, who allows for the expected regret asked for, with the prior.
-        budget_aware_error: Of the budget-aware observer, who knows the largest regret of any decision, with the prior.
-        bayes_error: Of the aware observer, who knows the mechanism and the prior.
-        least_error: The same for the belief that is hidden worst.
+        naive_error: Error of the naive observer, whose estimate is the mean of the corners of Π(u).
+        near_optimal_error: Error of the near-optimal observer, who allows the requested expected regret and knows the prior.
+        budget_aware_error: Error of the budget-aware observer, who knows the largest regret of any decision and the prior.
+        bayes_error: Error of the aware observer, who knows the mechanism and the prior.
+        least_error: The least error of the aware observer over beliefs.
         mutual_information: In bits.
         min_entropy_leakage: In bits.
         maximal_leakage: In bits.
-        naive_top_state: How often the naive observer names a most likely state.
-        top_state_accuracy: How often the aware observer does.
-        auc: Area under the curve of telling hiding from not hiding by the likelihoods of single decisions; ½ is nothing.
-        read_auc: Area under the curve of telling hiding from not hiding by naive readings of single decisions; ½ is nothing.
+        naive_top_state: Probability that the naive observer names a most likely state.
+        top_state_accuracy: Probability that the aware observer names a most likely state.
+        auc: Area under the ROC curve of the test of altered against optimal decisions by likelihoods of single decisions; ½ is
+            chance.
+        read_auc: Area under the ROC curve of that test by naive estimates from single decisions; ½ is chance.
         expected_gap: Expected plausibility gap of the decisions, in the cost's unit.
-        implausible_share: How often a decision is played that no belief explains.
-        n_actions: Decisions that are played.
+        implausible_share: Probability of a decision that no belief explains.
+        n_actions: Number of decisions of positive probability.
         repeated_errors: Bayes error after each number of repeated decisions, shape (S,).
         repeated_error_se: Their standard errors, shape (S,); 0 where exact.
         repeated_information: Bits after each number of repeated decisions, shape (S,).
-        repeated_top_state: How often the most likely state is then named, shape (S,).
-        told_errors: Bayes error after each of these numbers where the rule knows that the belief stays, as the observer does,
-            shape (S,); of others than the sequential rule the same.
-        told_regret: The expected regret that the sequential rule then has, at the same prices; NaN for others.
+        repeated_top_state: Probability that the aware observer then names a most likely state, shape (S,).
+        told_errors: Bayes error after each of these numbers where the rule, like the observer, knows that the belief stays,
+            shape (S,); it differs from `repeated_errors` for the sequential rule only.
+        told_regret: The expected regret of the sequential rule in that case, at the same prices; NaN for others.
         strength: Steps of a delay, or the fraction traded; NaN for others.
-        path_error: Of the aware observer over time, who knows how the belief moves and sees every decision; NaN
-            where that is not known. Its ceiling is the prior's error too.
-        path_error_se: Its standard error, over independent paths.
-        path_top_state: How often that one names a most likely state.
+        path_error: Error of the aware observer over time, who knows the chain of the belief and sees every decision; NaN
+            without a chain. The prior's error bounds it too.
+        path_error_se: Its standard error, over independent paths. path_top_state: Probability that this observer names a most
+            likely state.
         path_bits: Leakage of a decision to that observer beyond those before it, in bits.
         path_bits_se: Its standard error, over independent paths.
-        path_ceiling: An error over time that no rule of the same expected regret exceeds; NaN but for the sequential rule.
-        path_error_half: The error over time where beliefs stay half as long as the sequential rule takes them to.
-        path_error_double: The same where they stay twice as long.
-        learned_low: Least risk aversion that explains every decision of a path where the rest of the cost is known, and
-            takes decisions for optimal; NaN where none explains them all, and for costs without one.
-        learned_high: The greatest.
-        learned_holds: 1 where the true risk aversion is among these, 0 where it is not or there are none; NaN for costs
+        path_ceiling: Upper bound of the error over time of every rule of the same expected regret; only in rows of the
+            sequential rule, else NaN.
+        path_error_half: The error over time where beliefs stay half as long as the sequential rule assumes.
+        path_error_double: The error over time where they stay twice as long.
+        learned_low: Least risk aversion under which every decision of a path is optimal for some belief, the rest of the cost
+            being known; NaN where no value explains all, and for costs without one.
+        learned_high: The greatest such risk aversion.
+        learned_holds: 1 where the true risk aversion is between these, 0 where it is not or there are none; NaN for costs
             without one.
-        rival_worth: What one decision is worth to the rival, in its own unit; NaN where no rival was given.
-        learned_error: Of that observer, who then reads single decisions as the naive one does; NaN where none explains all.
-        sensor_error: Of the sensor read from a path of decisions taken at face value, as a share of the error without any; NaN
-        where decisions are not seen as they are.
-        data_errors: Of an observer who has only data, for each number of pairs asked for, shape (S,); one sample of pairs each.
+        rival_worth: Worth of one decision to the rival, in its own unit; NaN without a rival.
+        learned_error: Error of the observer who learns the risk aversion first and then reads single decisions like the naive
+            observer; NaN where no value explains all.
+        sensor_error: Error of the sensor estimated from a path of decisions taken for optimal, as a share of the error without
+            decisions; NaN under a disclosure.
+        data_errors: Error of the observer who has only data, for each number of pairs, shape (S,); one sample of pairs each.
     """
 
     maker: str
@@ -125,7 +129,7 @@ class ComparisonRow(Saved):
 
 
 def learned_from_data(observed: Observed, pairs: tuple[int, ...], disclosure: Disclosure) -> Array:
-    """Return the errors (S,) of an observer who has only that many pairs of belief and of what is shown of a decision."""
+    """Return the errors (S,) of an observer who has only that many pairs of belief and disclosed decision."""
     shown = str(Disclosure(disclosure.maps))
     return np.array([observed.read_by({"name": "data", "pairs": n, "disclosure": shown}).error for n in pairs])
 
@@ -138,9 +142,9 @@ def measured(
     *,
     rng: np.random.Generator,
 ) -> ComparisonRow:
-    """Return every measure of a mechanism; `repeats` are the numbers of repeated decisions and the sampled sequences.
+    """Return every measure of a mechanism; `repeats` holds the numbers of repeated decisions and of sampled sequences.
 
-    Under a disclosure observers see what it shows; figures of decisions as they are made are then NaN.
+    Under a disclosure observers see disclosed values; measures that need full decisions are then NaN.
     """
     setting, behaviour = observed.setting, observed.behaviour
     single = Disclosure(disclosure.maps)
@@ -190,7 +194,7 @@ _OF_MECHANISM = (
 
 _LEAKED = ("mutual_information", "min_entropy_leakage", "maximal_leakage")
 _IN_FULL = ("naive_privacy", "read_auc", "expected_gap", "implausible_share")
-"""Figures of decisions that are seen as they are."""
+"""Measures that need fully disclosed decisions."""
 
 
 def _prefixed(name: str, figures: Repeated | Watched | Learned, without: tuple[str, ...] = ()) -> dict[str, Any]:

@@ -1,9 +1,9 @@
-"""How well the agent's sensor is read from its decisions in a comparison, taken at face value.
+"""The error of the agent's sensor, estimated from decisions taken for optimal, in a comparison.
 
-A comparison has beliefs and how they move, not the sensor that they come from. A sensor of one symbol per state stands in for
-it, in a chain that mostly stays: its filter holds the beliefs of a path, and the agent decides by the nearest belief of the
-prior. By how much that decision is misread is added to the belief held: an optimal decision that no other belief explains shows
-it as it is.
+A comparison has a chain of beliefs and no sensor. A sensor with one symbol per state, in a persistent chain, replaces the
+missing one: its filter gives the beliefs of a path, and the agent decides by the nearest belief of the prior. The naive
+estimate's error at that belief is added to the filter's belief; an optimal decision with a single explanation therefore reveals
+the filter's belief exactly.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
 
 SENSOR_STEPS = 100
-"""Decisions of the path from which the sensor is read, the same path for every decision maker."""
+"""Length of the path of decisions for the estimate of the sensor; every decision maker has the same path."""
 
 STAYS, ACCURACY = 0.8, 0.7
-"""How often the state of the stand-in stays, and how often its sensor names the state; the rest is even."""
+"""Probabilities that the substitute's state stays and that its sensor names the state; the rest is uniform."""
 
 _SEED = 2
 
 
 class SensorPath(NamedTuple):
-    """The stand-in's beliefs, and the nearest of the prior, which the agent decides by."""
+    """The substitute filter's beliefs, and the nearest beliefs of the prior, by which the agent decides."""
 
     world: HiddenMarkovModel
     sensor: Array  # (X,X)
@@ -43,10 +43,10 @@ class SensorPath(NamedTuple):
 
 
 def sensor_error(setting: Setting, behaviour: Behaviour, rng: np.random.Generator) -> float:
-    """Return the error of the sensor read from a path of decisions, as a share of the error without any.
+    """Return the error of the sensor estimated from a path of decisions, as a share of the error without decisions.
 
-    Formula: min over names of the symbols of ‖B̂ − B‖ / ‖1/X − B‖, Frobenius; more than 1 where reading misleads.
-    NaN for a single state.
+    Formula: min over names of the symbols of ‖B̂ − B‖ / ‖1/X − B‖, Frobenius norm; above 1 where the estimate is worse than
+    none. NaN for a single state.
     """
     if setting.problem.n_states < 2:
         return float("nan")
@@ -70,7 +70,7 @@ def sensor_error(setting: Setting, behaviour: Behaviour, rng: np.random.Generato
 
 
 def published(setting: Setting, behaviour: Behaviour, path: np.ndarray, rng: np.random.Generator) -> Array:
-    """Return the decisions (T,U) published along a path of beliefs, given as places (T,) in the prior."""
+    """Return the decisions (T,U) published along a path of beliefs, given as indices (T,) into the prior."""
     teller = behaviour.play or behaviour.memory
     if teller is not None:
         return teller.published(path)
@@ -81,7 +81,7 @@ def published(setting: Setting, behaviour: Behaviour, path: np.ndarray, rng: np.
 def read_at_face_value(problem: DecisionProblem, prior: Prior, actions: Array) -> Array:
     """Return the naive observer's estimates (M,X) of decisions (M,U).
 
-    Where nothing explains a decision, it is the belief of the prior under which the decision costs least.
+    Where no belief explains a decision, the estimate is the belief of the prior of least regret.
     """
     read = np.asarray(NaiveAdversary(problem).estimates(actions), dtype=np.float64)
     lost = np.isnan(read[:, 0])
@@ -91,7 +91,7 @@ def read_at_face_value(problem: DecisionProblem, prior: Prior, actions: Array) -
 
 
 def _path(prior: Prior) -> SensorPath:
-    """A path of the stand-in with as many states as the prior has."""
+    """Return a path of the substitute filter, with as many states as the prior."""
     n_states = prior.beliefs.shape[1]
 
     def mostly(share: float) -> Array:

@@ -1,4 +1,4 @@
-"""`compare` as a study that is kept while it runs: the shipped file with other settings, and the comparison of its rows."""
+"""`compare` as a resumable study: the shipped study file with other settings, and the comparison of its rows."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def compared(
 ) -> tuple[Comparison, str]:
     """Run a study of this kind as `all_rows` does, and return the comparison with a line on its market.
 
-    `say` is told that line as soon as it is known.
+    It calls `say` with that line as soon as it is known.
     """
     plan = study.plan
     assert isinstance(plan, ComparisonFile)
@@ -53,7 +53,7 @@ def compared(
 
 
 def comparison_of(study: Study) -> tuple[Comparison, str]:
-    """Return the comparison that a finished study of this kind holds, with a line on its market.
+    """Return the comparison of a finished study of this kind, with a line on its market.
 
     Raises:
         InputError: The study is of another kind, was not run, or is not finished.

@@ -1,12 +1,12 @@
-"""Observers of many decisions in a comparison: the first follows a belief that moves, the second learns the cost first.
+"""Observers of many decisions in a comparison: the first filters the belief over time, the second learns the cost first.
 
-The first knows the rule, the law of the belief's steps and every decision so far: α_{t+1} ∝ K(u_{t+1}|·) (α_t T), from
-α_0 ∝ K(u_0|·) w. A rule with a memory is read backwards first: decisions are then those of a mechanism, of the belief some
-steps ago, and the law of today's belief is α T^d. Without decisions the law is the prior at every step, so its error is that
-of the prior.
+The first knows the rule, the transition T of the belief and every decision so far: α_{t+1} ∝ K(u_{t+1}|·) (α_t T), from α_0 ∝
+K(u_0|·) w. The decisions of a rule with a memory are decoded first: they are then those of a mechanism applied to the belief d
+steps ago, and the law of the present belief is α T^d. Without decisions the law is the prior at every step, so the error is
+that of the prior.
 
-The second knows all of the cost but the risk aversion, and no rule: it takes every decision of a path for optimal, keeps the
-values that explain them all, and reads decisions as the naive observer does, with the middle of these values.
+The second knows the cost except for the risk aversion, and no rule. It takes every decision of a path for optimal, keeps the
+values that explain all of them, and then reads decisions like the naive observer, with the midpoint of these values.
 """
 
 from __future__ import annotations
@@ -33,22 +33,21 @@ from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
 
 PATH_STEPS = 40
-"""Decisions of a path; errors count over the second half, so that they are long-run errors."""
+"""Decisions per path; errors count over the second half, to be long-run errors."""
 
 N_PATHS = 100
-"""Independent paths, the same ones for every decision maker."""
+"""Number of independent paths, the same for every decision maker."""
 
 GAMMA_RANGE = 10.0
-"""Factor around the risk aversion that an observer who does not know it thinks possible."""
+"""The observer considers risk aversions within this factor of the true one."""
 
 _PATH_SEED = 1
 _DENSE = 0.1
-"""Share of entries above zero from which a table is multiplied as a plain one."""
+"""Share of nonzero entries above which a table is multiplied as a dense matrix."""
 
 
 class Learned(NamedTuple):
-    """The results of an observer who learns the risk aversion; all NaN where there is none, the interval where none
-    explains."""
+    """The results of an observer who learns the risk aversion; NaN for costs without one or without an explaining value."""
 
     low: float = float("nan")
     high: float = float("nan")
@@ -64,11 +63,11 @@ def watched(
     disclosure: Disclosure = Disclosure(),  # noqa: B008  # frozen
     beside: BeliefChain | None = None,
 ) -> Watched:
-    """Return the error of the aware observer who sees every decision of a path, or what is disclosed of them.
+    """Return the error of the aware observer who sees every decision of a path, or the disclosed part.
 
-    `bayes_error` is that of the aware observer who sees the last decision alone: its mean over paths is known, so what
-    the paths at hand are off by there is taken off here, unless decisions are left out or late. `beside` is the setting's
-    chain with tables of what the observer reads itself.
+    `bayes_error`, the exact error given the last decision alone, is a control variate: its sampling error on these paths is
+    subtracted, unless the disclosure omits or delays decisions. `beside` is the setting's chain with tables of the observer's
+    own observations.
     """
     chain = setting.chain if beside is None else beside
     if chain is None:
@@ -83,10 +82,10 @@ def watched(
     over_time, alone, named, surprise = (
         each[-counted:].mean(axis=0)[:, None] for each in followed(chain, decided, drawn, schedule.moved(n_late), read)
     )
-    # What a decision adds is the surprise that it is, less the one that is left where the belief is known.
+    # Information of a decision: its surprisal minus its conditional entropy given the belief.
     own = float(chain.prior.weights @ _entropies(decided.observed)) / schedule.period
     bits_se = float(surprise.std(ddof=1)) / np.sqrt(len(surprise))
-    # Where decisions are left out or late, the mean over the last one is not that of `bayes_error`.
+    # Where decisions are omitted or late, the expected error given the last one is not `bayes_error`.
     known = alone - bayes_error**2 if schedule.is_immediate else np.zeros_like(alone)
     squared, spread = (float(each[0]) for each in adjusted_means(over_time, known))
     error = float(np.sqrt(max(squared, 0.0)))
@@ -100,7 +99,7 @@ def watched(
 
 
 def unwatched(setting: Setting, beside: BeliefChain, disclosure: Disclosure) -> tuple[float, float]:
-    """Return the error, and how often a most likely state is named, from public observations alone."""
+    """Return the error, and the probability of naming a most likely state, given public observations alone."""
     count = len(beside.prior)
     silent = Mechanism(beside.prior.beliefs, np.zeros((1, 1)), np.ones((count, 1)), np.zeros((count, 1)))
     path, read = _read_paths(setting, beside, disclosure.schedule.lag)
@@ -110,12 +109,12 @@ def unwatched(setting: Setting, beside: BeliefChain, disclosure: Disclosure) -> 
 
 
 def _counted(schedule: Schedule) -> int:
-    """Steps at the end of a path whose errors count: half of them, in whole periods."""
+    """Return the steps at the end of a path whose errors count: half of them, in whole periods."""
     return max((PATH_STEPS - PATH_STEPS // 2) // schedule.period, 1) * schedule.period
 
 
 def _read_paths(setting: Setting, chain: BeliefChain, n_late: int) -> tuple[np.ndarray, np.ndarray | None]:
-    """Paths of the belief (T,D), and what is read on them and on the steps by which decisions are late, (T+late,D)."""
+    """Return paths of the belief (T,D), and the observer's own readings on them and during the delay, (T+late,D)."""
     if chain.public is None:
         return _paths(setting, PATH_STEPS, N_PATHS), None
     path, read = chain.public_paths(PATH_STEPS + n_late, N_PATHS, rng=np.random.default_rng(_PATH_SEED))
@@ -136,25 +135,26 @@ def followed(
     schedule: Schedule = Schedule(),  # noqa: B008  # frozen
     read: np.ndarray | None = None,
 ) -> tuple[Array, Array, Array, Array]:
-    """Return the expected square error given all decisions so far, and given the last alone.
+    """Return the expected squared errors given all decisions so far and given the last alone.
 
-    The third are the first one's chances of naming a most likely state, the fourth how much each decision surprised, in bits.
+    The third array is the probability of naming a most likely state given all decisions so far, the fourth the surprisal of
+    each decision, in bits.
 
     Formula: E[‖π_t − E[π_t|u_0..u_t]‖² | u_0..u_t], E[‖π_t − E[π_t|u_t]‖² | u_t],
-    max_i P(i is a most likely state of π_t | u_0..u_t), and −log2 P(u_t | u_0..u_{t−1}); where something is read, all but the
-    second given that as well, up to the step of the belief.
+    max_i P(i is a most likely state of π_t | u_0..u_t), and −log2 P(u_t | u_0..u_{t−1}). With `read`, all but the second are
+    also given the readings up to the step of the belief.
 
     Args:
-        chain: How the belief moves.
-        mechanism: What decides, on the chain's beliefs.
-        columns: Which of its decisions were seen, shape (T,D) for D paths; each must be possible after those before it.
-        schedule: Which of them are shown, and how late. Entries of a step are then of the belief `schedule.lag` steps after it.
-        read: Symbols of the chain's public tables, shape (T+lag,D); None: nothing is read.
+        chain: The chain of the belief.
+        mechanism: The mechanism, on the chain's beliefs.
+        columns: Indices of the observed decisions, shape (T,D) for D paths; each must be possible after those before it.
+        schedule: The disclosed steps and the lag. Entries of a step then concern the belief `schedule.lag` steps after it.
+        read: Symbols of the chain's public tables, shape (T+lag,D); None: no readings.
 
     Returns:
-        Each of shape (T,D), at least 0; where a decision is not shown it does not surprise.
+        Four arrays of shape (T,D), at least 0; the surprisal of an undisclosed decision is 0.
     """
-    # Beliefs seen from the middle of the prior, so that little is lost in the difference of squares.
+    # Beliefs relative to the prior's mean, against cancellation in the difference of squares.
     points = chain.prior.beliefs - chain.prior.mean
     now = points, (points**2).sum(axis=1), top_states(chain.prior.beliefs)
     step, ahead, told = _plain(chain.transition), now, [_plain(each) for each in chain.public or ()]
@@ -184,7 +184,7 @@ def followed(
 
 
 def _told(tables: list[Any], law: Array, read: np.ndarray) -> Array:
-    """Laws (D,B) a step later, given the symbol that each reads there."""
+    """Return the laws (D,B) one step later, given the symbol read there."""
     found = np.empty_like(law)
     for symbol in np.unique(read):
         mine = read == symbol
@@ -193,15 +193,14 @@ def _told(tables: list[Any], law: Array, read: np.ndarray) -> Array:
 
 
 def _expected(laws: Array, of: tuple[Array, Array, Array]) -> Array:
-    """E‖π − E π‖² of laws (L,B), by points and their squares."""
+    """Return E‖π − E π‖² of laws (L,B), from the points and their squares."""
     return np.asarray(np.maximum(laws @ of[1] - ((laws @ of[0]) ** 2).sum(axis=1), 0.0))
 
 
 def learned(
     setting: Setting, behaviour: Behaviour, joint: Joint, naive_error: float, rng: np.random.Generator
 ) -> Learned:
-    """Return the results of an observer who does not know the risk aversion, from a path of decisions and then from single
-    ones."""
+    """Return the results of an observer who learns the risk aversion from a path, and then reads single decisions."""
     problem = setting.problem
     if not isinstance(problem, MarkowitzProblem):
         return Learned()
@@ -216,7 +215,7 @@ def learned(
 
 
 def learned_cost(problem: MarkowitzProblem, actions: Array) -> LearnedCost:
-    """Return the risk aversions that explain decisions (T,U) which are taken for optimal, all else being known."""
+    """Return the risk aversions under which decisions (T,U) are optimal for some beliefs, all else being known."""
     true = problem.risk_aversion
     limits = true / GAMMA_RANGE, true * GAMMA_RANGE
     adversary = CostLearningAdversary.risk_aversion(problem.means, problem.covariances, limits, problem.constraints)
@@ -224,8 +223,10 @@ def learned_cost(problem: MarkowitzProblem, actions: Array) -> LearnedCost:
 
 
 def _guesses(setting: Setting, behaviour: Behaviour, joint: Joint, parameter: float) -> Array:
-    """The naive observer's estimates (M,X) under a risk aversion; where nothing explains a decision, the belief of the prior
-    under which it costs least."""
+    """Return the naive observer's estimates (M,X) under a risk aversion.
+
+    Where no belief explains a decision, the estimate is the prior's belief of least regret.
+    """
     true = setting.problem
     assert isinstance(true, MarkowitzProblem)
     problem = MarkowitzProblem(true.means, true.covariances, parameter, true.constraints)
@@ -236,7 +237,7 @@ def _guesses(setting: Setting, behaviour: Behaviour, joint: Joint, parameter: fl
 
 
 def _published(setting: Setting, behaviour: Behaviour, rng: np.random.Generator) -> Array:
-    """The decisions (T,U) published along a path of the belief, after a start that is left out."""
+    """Return the decisions (T,U) published along a path of the belief, after a burn-in."""
     path = _paths(setting, PAST + PATH_STEPS, 1)[:, 0]
     if behaviour.play is None and behaviour.memory is None:
         return published(setting, behaviour, path[PAST:], rng)
@@ -244,7 +245,7 @@ def _published(setting: Setting, behaviour: Behaviour, rng: np.random.Generator)
 
 
 def _paths(setting: Setting, n_steps: int, n_paths: int) -> np.ndarray:
-    """Paths of the belief (T,D), the same for every decision maker; independent draws where no chain is known."""
+    """Return paths of the belief (T,D), the same for every decision maker; independent draws without a chain."""
 
     def made() -> np.ndarray:
         rng = np.random.default_rng(_PATH_SEED)

@@ -32,20 +32,20 @@ USUAL = (
 """The disclosures compared by default, in steps of months."""
 
 
-_DIGITS = 15  # of a regret: beyond them a difference of costs is rounding
+_DIGITS = 15  # decimals of a regret: beyond them a difference of costs is rounding
 
 
 @dataclass(frozen=True, eq=False)
 class DisclosureRow(Saved):
-    """What an observer reads from decisions under one disclosure.
+    """The aware observer's leakage and error under one disclosure.
 
     Args:
-        disclosure: What is shown, as text.
-        bits: Leakage a step about the beliefs so far, in bits, on average over the counted steps.
+        disclosure: The disclosure, as text.
+        bits: Leakage per step about the beliefs so far, in bits, averaged over the counted steps.
         bits_se: Its standard error, at most.
         error: Root mean square error of the estimate of the present belief over the counted steps, Euclidean.
         error_se: Its standard error, at most.
-        errors: The same of every step, shape (T,).
+        errors: Root mean square error at every step, shape (T,).
     """
 
     disclosure: str
@@ -58,15 +58,15 @@ class DisclosureRow(Saved):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DisclosureTable(Summarised, Saved):
-    """One mechanism under several disclosures, or a rule made for each of them.
+    """One mechanism under several disclosures, or a separate rule for each.
 
     Args:
-        rows: One a disclosure, in the order asked for.
-        prior_error: Error without decisions, which no disclosure exceeds.
-        expected_regret: What the mechanism costs, in the cost's unit.
-        n_steps: Steps of a path; the later half counts, in whole periods of the schedule.
-        n_beliefs: Beliefs of the chain with weight.
-        is_made_for_each: Whether decisions differ, as a rule goes by what is shown of them.
+        rows: One row per disclosure, in the given order.
+        prior_error: Error without decisions, an upper bound for every disclosure.
+        expected_regret: Expected regret of the mechanism, in the cost's unit.
+        n_steps: Steps per path; the later half counts, in whole periods of the schedule.
+        n_beliefs: Number of beliefs of positive probability.
+        is_made_for_each: Whether each disclosure has its own rule, and therefore other decisions.
 
     Source: `path_leakage`.
     """
@@ -79,7 +79,7 @@ class DisclosureTable(Summarised, Saved):
     is_made_for_each: bool = False
 
     def of(self, disclosure: Disclosure | str) -> DisclosureRow:
-        """Return the row of one disclosure; raise `InputError` where there is none."""
+        """Return the row of one disclosure; raise `InputError` for an unknown one."""
         text = str(Disclosure.of(disclosure))
         for row in self.rows:
             if row.disclosure == text:
@@ -87,7 +87,7 @@ class DisclosureTable(Summarised, Saved):
         raise InputError(f"no row of {text}; there are {[row.disclosure for row in self.rows]}")
 
     def frame(self) -> pd.DataFrame:
-        """Return the figures, one row a disclosure: bits, errors and shares of the error without decisions."""
+        """Return the figures, one row per disclosure: bits, errors and shares of the error without decisions."""
         return pd.DataFrame(
             [
                 {
@@ -115,7 +115,7 @@ class DisclosureTable(Summarised, Saved):
         return row.error / self.prior_error if self.prior_error > 0 else float("nan")
 
     def summary(self) -> str:
-        """Return which disclosure hides the present belief best, and which least."""
+        """Return which disclosure hides the present belief best, and which least, as text."""
         least, most = (pick(self.rows, key=lambda row: row.error) for pick in (min, max))
         same = "decisions are made for each" if self.is_made_for_each else "the decisions are the same"
         spent = round(self.expected_regret, _DIGITS) + 0.0
@@ -137,25 +137,25 @@ def under_disclosures(
     regret: float | None = None,
     progress: Progress | None = None,
 ) -> DisclosureTable:
-    """Return what a mechanism gives away under several disclosures to the aware observer over time.
+    """Return what a mechanism leaks under several disclosures to the aware observer over time.
 
-    Formula: those of `path_leakage`, averaged over the later half of the steps; every disclosure is read on the same paths.
+    Formula: that of `path_leakage`, averaged over the later half of the steps; every disclosure has the same paths.
 
     Args:
-        chain: How the belief moves; its prior has the mechanism's beliefs.
-        mechanism: K(u|π), drawn afresh at every step; or a function that returns the rule that goes by a disclosure, such as a
-            `SequentialDecisionMaker`.
-        disclosures: What is shown, also as text; each once.
-        n_steps: T, at least twice the longest period, and more than what is late.
+        chain: The chain of the belief; its prior has the mechanism's beliefs.
+        mechanism: K(u|π), drawn independently at every step; or a function of a disclosure that returns a rule for it, such as
+            a `SequentialDecisionMaker`.
+        disclosures: The disclosures, also as text; no duplicates.
+        n_steps: T, at least twice the longest period and above the longest delay.
         rng: The source of the paths.
-        n_draws: Sampled paths, at least 10.
-        regret: What a rule costs, in the cost's unit; None is what the mechanism costs.
+        n_draws: Number of sampled paths, at least 10.
+        regret: Expected regret to report for rules, in the cost's unit; None: that of the mechanism.
         progress: Called with (disclosures done, disclosures in all).
 
     Raises:
-        InputError: An argument is malformed, there are too few steps for a disclosure, or it needs returns.
+        InputError: An argument is malformed, a disclosure needs more steps, or it needs returns.
 
-    Cost: a `path_leakage` for every disclosure.
+    Cost: one `path_leakage` per disclosure.
 
     Source: see `path_leakage`.
 

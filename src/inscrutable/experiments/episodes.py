@@ -1,4 +1,4 @@
-"""An episode: one sequence of beliefs, decided by several decision makers and read by the observer."""
+"""An episode: a sequence of beliefs, the decisions of several decision makers, and the observer's inference."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from inscrutable.validation import Array
 def relative_increase(increase: ArrayLike, optimal_cost: ArrayLike) -> Array:
     """Return (c̄ − c*)/|c*| for increases c̄ − c* and optimal costs c* of one shape.
 
-    At c* = 0 nothing is 0 and any increase is +∞, as a share of nothing.
+    At c* = 0 a zero increase gives 0 and any other gives +∞.
 
     Example:
         >>> relative_increase([0.1, 0.0, 0.1], [-2.0, 0.0, 0.0])
@@ -30,7 +30,7 @@ def relative_increase(increase: ArrayLike, optimal_cost: ArrayLike) -> Array:
 
 
 class DecisionMaker(Protocol):
-    """Whatever turns a belief into a decision or a lottery over decisions."""
+    """The interface of decision makers: a belief gives a decision or a lottery over decisions."""
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> Decisions | MixedDecisions:
         """Return the decisions for beliefs (T,X)."""
@@ -38,11 +38,11 @@ class DecisionMaker(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """The decisions of one decision maker in an episode; of a lottery, the atom that was drawn.
+    """The decisions of one decision maker in an episode; for a lottery, the drawn atom.
 
     Args:
         decisions: The played decisions, T of them.
-        lotteries: The lotteries they were drawn from, or None.
+        lotteries: The lotteries behind the draws, or None.
         expected: Regret in expectation over the draw, shape (T,), where the lotteries were not kept.
     """
 
@@ -112,7 +112,7 @@ def run_episode(
 
 
 def part_of(progress: Progress | None, done: int, parts: int) -> Progress:
-    """Return the progress of one of several parts of equal length, as a share of the whole."""
+    """Return a progress function for one of several equal parts of a whole."""
 
     def report(step: int, steps: int) -> None:
         if progress is not None:

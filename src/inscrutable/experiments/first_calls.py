@@ -1,4 +1,4 @@
-"""The first calls on a machine: a kernel is compiled when it is first run, and these calls run them all."""
+"""Calls that run, and thereby compile, every kernel."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ _NOTICE = "inscrutable.kernels"
 
 
 def compile_kernels(*, n_jobs: int = -1, progress: Callable[[int, int], None] = lambda done, total: None) -> Path:
-    """Run every kernel once, in `n_jobs` processes, so that no later call on this machine waits for a compiler.
+    """Compile every kernel, in `n_jobs` processes, so that no later call on this machine waits for the compiler.
 
     Args:
         n_jobs: Processes; −1 is one per core.
-        progress: Called with what is done and with all there is.
+        progress: Called with the numbers of calls done and in all.
 
     Returns:
-        The folder in which compiled kernels are kept.
+        The folder of the compiled kernels.
 
     Raises:
         InputError: `n_jobs` is neither −1 nor at least 1.
@@ -67,7 +67,7 @@ def compile_kernels(*, n_jobs: int = -1, progress: Callable[[int, int], None] = 
 
 
 def _quietly(calls: Callable[[], None]) -> None:
-    """Without the word that kernels are being compiled, which is what was asked for."""
+    """Suppress the log message that kernels are being compiled."""
     from inscrutable.kernels.deferred import compiled_at_once
 
     logger = logging.getLogger(_NOTICE)

@@ -1,4 +1,4 @@
-"""Errors of observers' guesses, over all decisions of a mechanism."""
+"""Errors of observers' estimates, over all decisions of a mechanism."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from inscrutable.validation import Array
 
 
 def guesses_of(observer: Adversary, actions: Array, joint: Joint, excuses: Array | None = None) -> Array:
-    """Return the estimates (M,X) of the decisions that are played; zeros elsewhere.
+    """Return the estimates (M,X) for the played decisions; zeros elsewhere.
 
-    `excuses` (M,X) are the beliefs of least regret of decisions that the observer cannot explain, where they are known.
+    `excuses` (M,X) are known beliefs of least regret, for decisions that the observer cannot explain.
     """
     shown = np.flatnonzero(joint.played > 0)
     found = np.zeros((joint.n_actions, joint.beliefs.shape[1]))
@@ -22,7 +22,7 @@ def guesses_of(observer: Adversary, actions: Array, joint: Joint, excuses: Array
     if excuses is None:
         return found
     found = np.where(np.isnan(found), excuses, found)
-    # Decisions that are all but equal are read as one, and may be excused by the other's belief alone.
+    # Nearly equal decisions count as one, and may have only the other's belief of least regret.
     lost = shown[np.isnan(found[shown, 0])]
     if len(lost):
         found[lost] = observer.estimates(actions[lost], nearest=True)
@@ -30,13 +30,13 @@ def guesses_of(observer: Adversary, actions: Array, joint: Joint, excuses: Array
 
 
 def guess_error(joint: Joint, guesses: Array) -> float:
-    """Return √Σ p(b,u) ‖π_b − guess(u)‖² for guesses (M,X)."""
+    """Return √Σ p(b,u) ‖π_b − guess(u)‖² for estimates `guesses` (M,X)."""
     apart = ((joint.beliefs[joint.row] - guesses[joint.column]) ** 2).sum(axis=1)
     return float(np.sqrt(joint.mass @ apart))
 
 
 def top_state_share(joint: Joint, guesses: Array) -> float:
-    """Return how often guesses (M,X) name a most likely state of the belief."""
+    """Return the probability that estimates `guesses` (M,X) name a most likely state of the belief."""
     named = guesses.argmax(axis=1)
     return min(float(joint.mass @ joint.top_states[joint.row, named[joint.column]]), 1.0)
 

@@ -1,12 +1,12 @@
-"""When a belief is hidden from an observer: one definition for every verb, report and page.
+"""The definition of a hidden belief, for every verb, report and page.
 
-With e₀ the error without decisions, and n₀ the share of cases in which the commonest state is right, a
-belief is hidden from an observer of error e who names the likeliest state in a share n of the cases if
+Let e₀ be the error without decisions, and n₀ the share of cases in which the commonest state is right. A belief is hidden from
+an observer of error e who names the likeliest state in a share n of the cases if
 
     e ≥ ⅔ e₀  and  n ≤ n₀ + ⅓ (1 − n₀).
 
-Either part alone misleads: an estimate can be far off and still name the right state nearly always, and one that often
-names a wrong state can lie close to the belief.
+Both conditions are needed: an estimate can have a large error and still name the right state nearly always, or a small error
+and often name a wrong state.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from inscrutable.mechanisms.joint import top_states
 from inscrutable.validation import Array
 
 ERROR_KEPT = 2.0 / 3.0
-"""Share of the error without decisions that must be left."""
+"""Least error of the observer, as a share of the error without decisions."""
 
 NAMING_GAINED = 1.0 / 3.0
-"""Share of the way from chance to always that the naming of the likeliest state may go."""
+"""Most naming of the likeliest state, as a share of the range from chance to always."""
 
 _MOST_LISTED = 3
-_MOST_DIGITS = 8  # more than the usual two, where a figure misses its bound by a rounding
+_MOST_DIGITS = 8  # digits beyond the usual two, where a figure misses its bound by rounding
 
 
 class Reached(NamedTuple):
@@ -74,25 +74,25 @@ class Requirement:
 
     @property
     def least_error(self) -> float:
-        """The least error that must be left."""
+        """The least error of a hidden belief."""
         return ERROR_KEPT * self.error_without
 
     @property
     def most_named(self) -> float:
-        """The largest share of right namings that may be left."""
+        """The largest share of right namings of a hidden belief."""
         return self.chance + NAMING_GAINED * (1.0 - self.chance)
 
     def is_met(self, reached: Reached) -> bool:
-        """Whether the belief is hidden; not where there is no estimate to judge."""
+        """Return whether the belief is hidden; False without an estimate."""
         return reached.error >= self.least_error and reached.named <= self.most_named
 
     def meaning(self, *, without: str, state: str, cases: str) -> str:
         """Return what "hidden" means, with its numbers, in one sentence.
 
         Args:
-            without: What is not seen, such as "weights".
-            state: What is named, such as "regime".
-            cases: What shares are of, such as "months".
+            without: What the observer does not see, such as "weights".
+            state: What the observer names, such as "regime".
+            cases: The cases of the shares, such as "months".
         """
         return (
             f"Hidden means: the observer's estimate errs by at least {self.least_error:.2f} (two thirds of "
@@ -103,9 +103,9 @@ class Requirement:
     def judge(self, reached: Sequence[Reached], unprotected: Reached | None = None) -> str:
         """Return which decision makers hide the belief and which do not, with the error and the share of right namings reached.
 
-        A figure that misses its bound stands beside it. The best come first, three of each at most. One whose decisions no
-        belief explains is named and not judged. Where `unprotected` decisions pass as well, none is judged: what the others
-        reach is not their merit.
+        The text shows a figure that misses its bound beside the bound. The best come first, at most three of each. Decision
+        makers without explained decisions are named and not judged. Where `unprotected` decisions meet the requirement as well,
+        none is judged.
         """
         if unprotected is not None and self.is_met(unprotected):
             return f"cannot be judged, as without protection it is hidden as well, by {self._listed([unprotected])}"
@@ -140,20 +140,20 @@ class Requirement:
         return "named " + " > ".join(_told_apart(named, self.most_named, lambda digits: f".{digits}%"))
 
     def _margin(self, reached: Reached) -> float:
-        """By how much the nearer of the two bounds is kept, as a share of the way that it measures."""
+        """Return the slack of the tighter of the two bounds, as a share of its range."""
         error = reached.error / self.error_without - ERROR_KEPT if self.error_without > 0 else 0.0
         named = NAMING_GAINED - (reached.named - self.chance) / (1.0 - self.chance) if self.chance < 1 else 1.0
         return min(error, named)
 
 
 def _told_apart(reached: float, bound: float, form: Callable[[int], str]) -> tuple[str, str]:
-    """Both numbers with as many digits more as it takes for them to read differently."""
+    """Return both numbers as text with enough digits to differ."""
     pairs = [(format(reached, form(more)), format(bound, form(more))) for more in range(_MOST_DIGITS)]
     return next((pair for pair in pairs if pair[0] != pair[1]), pairs[-1])
 
 
 class EstimateQuality(NamedTuple):
-    """The error and the share of right namings of estimates; NaN where there are none."""
+    """The error and the share of right namings of estimates; NaN without estimates."""
 
     error: float
     named: float
@@ -162,7 +162,7 @@ class EstimateQuality(NamedTuple):
 def estimate_quality(estimates: Array, beliefs: Array) -> EstimateQuality:
     """Return the root mean square error of estimates (T,X) of beliefs (T,X), and how often they name a likeliest state.
 
-    Rows of estimates that are NaN, because no belief explains the decision, are left out.
+    Rows of NaN, for decisions that no belief explains, are left out.
     """
     read = ~np.isnan(estimates).any(axis=1)
     if not read.any():

@@ -36,7 +36,7 @@ _OTHERS = 20
 
 
 class IntroductionVerdict(Enum):
-    """The verdict on a claim of the introduction."""
+    """The verdict on a claim of the paper's introduction."""
 
     HOLDS = "holds"
     AT_FACE_VALUE = "holds only against the naive observer"
@@ -46,15 +46,16 @@ class IntroductionVerdict(Enum):
 
 @dataclass(frozen=True)
 class IntroductionClaim:
-    """One claim, judged against two rivals.
+    """One claim, judged against the naive and the aware observer.
 
     Args:
         key: A short name.
         text: The claim.
         criterion: The test in words.
-        naive: Against a rival who takes every decision for optimal; None where it is not asked about.
-        knowing: Against the aware observer, who knows the rule and has seen all decisions before.
-        verdict: What both say.
+        naive: Finding against the naive observer, who takes every decision for optimal; None where the claim does not concern
+            it.
+        knowing: Finding against the aware observer, who knows the rule and all decisions before.
+        verdict: The verdict from both findings.
     """
 
     key: str
@@ -71,10 +72,10 @@ class IntroductionClaim:
 def introduction_claims(n_markets: int = 8, *, rng: np.random.Generator) -> tuple[IntroductionClaim, ...]:
     """Return the claims of the paper's introduction, judged over random markets and sensors.
 
-    Hiding costs at most a tenth of E|c*|: the paper's CDM, the longest affordable delay, the smallest affordable fraction of
-    each trade. The aware observer follows a belief that stays with probability 0.8. Herds are those of two states,
-    two choices and two symbols with chances drawn uniformly, as many sensors as markets; an agent that hides plays ε-randomised
-    response, ε = 1.
+    Hiding costs at most a tenth of E|c*|, by the paper's CDM, the longest affordable delay, or the smallest affordable fraction
+    of each trade. The aware observer filters a belief that stays with probability 0.8. Herding has two states, two choices and
+    two symbols with uniformly drawn probabilities, as many sensors as markets; an agent that hides plays ε-randomised response,
+    ε = 1.
 
     Args:
         n_markets: Random markets of the paper's law, and random sensors, at least 2.
@@ -83,7 +84,7 @@ def introduction_claims(n_markets: int = 8, *, rng: np.random.Generator) -> tupl
     Raises:
         InputError: There are fewer than two markets, or `rng` is no generator.
 
-    Cost: half a second a market. Source: the paper, Section I.
+    Cost: half a second per market. Source: the paper, Section I.
 
     Example:
         >>> print(introduction_claims(2, rng=np.random.default_rng(0))[0])
@@ -132,7 +133,7 @@ _SPENT = f"regret of the {_OTHERS} agents after the first where it hides, less t
 
 
 def _judged(key: str, text: str, quantity: str, measured: Array, test: tuple[Rule, float]) -> IntroductionClaim:
-    """The verdict on quantities (n,2), against the naive rival and the knowing one, or (n,1), against the latter alone."""
+    """Return the verdict on quantities (n,2) against the naive and the aware observer, or (n,1) against the latter."""
     found = [finding_of(column[:, None], *test) for column in measured.T]
     naive, knowing = (found[0], found[1]) if len(found) > 1 else (None, found[0])
     verdict = {
@@ -146,7 +147,7 @@ def _judged(key: str, text: str, quantity: str, measured: Array, test: tuple[Rul
 
 
 def _market(seed: int) -> tuple[tuple[float, float], list[list[float]]]:
-    """Worth of the optimal decisions to either rival, and the errors (3,2) that each way of hiding adds."""
+    """Return the worth of optimal decisions to either observer, and the errors (3,2) that each way of hiding adds."""
     market = market_of(PAPER, _RESOLUTION, seed)
     setting = Setting.of(market.problem, market.chain)
 
@@ -169,7 +170,7 @@ def _market(seed: int) -> tuple[tuple[float, float], list[list[float]]]:
 
 
 def _worths(observed: Observed) -> tuple[float, float]:
-    """Share of the belief's worth that reading gives to a rival with the same problem, naive and aware."""
+    """Return the share of the belief's worth that observing gives to a naive and to an aware rival with the same problem."""
     problem, joint = observed.setting.problem, observed.joint
     loss = RivalProblem(problem)
     known = leakage(observed.behaviour.mechanism, observed.setting.prior, loss=loss)
@@ -179,7 +180,7 @@ def _worths(observed: Observed) -> tuple[float, float]:
 
 
 def _herd(rng: np.random.Generator) -> tuple[float, float, float]:
-    """With a random sensor: how far hiding moves the chance of a wrong cascade, and what it adds to the others' regret."""
+    """Return, for a random sensor, the change of the wrong cascade's probability by hiding, and of the others' regret."""
     problem = FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
     sensor = CategoricalEmission(rng.dirichlet(np.ones(2), size=2))
     plain, hiding = OriginalDecisionMaker(problem), CoinDecisionMaker.response(problem, _EPSILON)

@@ -1,7 +1,6 @@
-"""The investor's world, decision problem and budget as one JSON file, which a backtest writes for later commands.
+"""The investor's world, decision problem and budget as one JSON file, which a backtest writes and other commands read.
 
-`attack` and `protect` read it. Floats are written
-in full, so a loaded model solves to the same digits; nothing in the file is ever executed.
+Floats are written in full, so a loaded model gives the same digits; nothing in the file is ever executed.
 """
 
 from __future__ import annotations
@@ -37,20 +36,21 @@ VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class InvestorModel:
-    """An investor as observers may know it: its hidden Markov model, its portfolio problem and its budget.
+    """A model of an investor: its hidden Markov model, its portfolio problem and its budget.
 
     Args:
-        world: The hidden Markov model of X regimes behind the returns. Names of its states, where they were given, are
-            the regimes; labels of its sensor, where it has any, are the assets, in any order.
+        world: The hidden Markov model of X regimes behind the returns. Names of its states, if any, are the regimes; labels of
+            its sensor, if any, are the assets, in any order.
         problem: The portfolio problem, X regimes and U assets.
         assets: U different labels, in the order of the weights.
         regimes: X different labels, in the order of a belief's entries.
-        budget: What the investor pays for privacy unless told otherwise.
-        note: One line on where the model comes from.
-        turnover: Most that is bought plus sold against the last published weights; None for no limit. `problem` is without it.
+        budget: The default budget for privacy.
+        note: One line on the source of the model.
+        turnover: Largest sum of purchases and sales relative to the last published weights; None: no limit. `problem` does not
+            include it.
 
     Raises:
-        InputError: The numbers or names of regimes or assets disagree, or a label comes twice.
+        InputError: The numbers or names of regimes or assets disagree, or a label is duplicated.
 
     Cost: none. Source: the paper's Section V, fitted to data.
 
@@ -102,10 +102,10 @@ class InvestorModel:
         return MarkowitzProblem(problem.means, problem.covariances, problem.risk_aversion, problem.constraints & near)
 
     def after(self, previous: ArrayLike | None) -> InvestorModel:
-        """Return the investor at the decision after `previous`, its limit on turnover a part of the problem.
+        """Return the investor at the decision after `previous`, with the limit on turnover as part of the problem.
 
         Raises:
-            InputError: Turnover is limited, and nothing says against which weights; or the other way round.
+            InputError: Turnover is limited and `previous` is missing, or the other way round.
         """
         if (self.turnover is None) != (previous is None):
             raise InputError(
@@ -119,10 +119,10 @@ class InvestorModel:
         return f"{size}, risk aversion {self.problem.risk_aversion:g}, budget {self.budget}\n{self.note}".rstrip()
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the model as JSON, whole or not at all, every float in full.
+        """Write the model as JSON, atomically, every float in full.
 
         Raises:
-            InputError: The file cannot be written, or the world's sensor is of the user's own making.
+            InputError: The file cannot be written, or the world has a user-defined sensor.
         """
         if not isinstance(self.world.emission, (CategoricalEmission, GaussianEmission)):
             raise InputError(f"a {type(self.world.emission).__name__} cannot be saved; only this library's sensors can")
@@ -144,9 +144,9 @@ class InvestorModel:
         """Return the model in a file written by `save`.
 
         Raises:
-            InputError: The file cannot be read, is no such model or of a later version, or a key is missing, unknown
-                or holds a value of the wrong kind or shape; file and key are named.
-            ModelError: The numbers have the right shape but no meaning, such as an indefinite covariance.
+            InputError: The file cannot be read, is not a saved model or has a later version; or a key is missing, unknown, or
+                has a value of the wrong type or shape. The message names file and key.
+            ModelError: The numbers have the right shape but are invalid, such as an indefinite covariance.
         """
         from inscrutable.experiments.model_file import checked
 
@@ -180,7 +180,7 @@ def problem_data(problem: MarkowitzProblem) -> dict[str, Any]:
 
 
 def problem_of(given: ProblemPart, naming: Callable[[str], AbstractContextManager[None]]) -> MarkowitzProblem:
-    """Return the problem of checked data; `naming` says of an error which key it is about."""
+    """Return the problem of checked data; `naming` adds the key to an error's message."""
     with naming("problem.constraints"):
         rows = given.constraints
         region = Polyhedron(
@@ -257,7 +257,7 @@ def _built(source: Path, file: ModelFile) -> InvestorModel:
 
 @contextmanager
 def _naming(source: Path, key: str) -> Iterator[None]:
-    """Say which file and key an error of the library is about."""
+    """Add file and key to the message of a library error."""
     try:
         yield
     except InscrutableError as error:

@@ -1,4 +1,4 @@
-"""The error of an observer who has only data about a mechanism, by the number of pairs it has seen."""
+"""The learning curve of an observer who has only data: its error by number of pairs of belief and decision."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ REPEATS = 5
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LearningCurve(Summarised, Saved):
-    """The error of an observer of data alone, by the number of pairs it has learned from.
+    """The error of an observer who has only data, by the number of pairs of belief and decision.
 
     Args:
         pairs: Numbers of pairs, shape (S,).
-        errors: Root mean square error of its estimates, Euclidean, in units of belief, shape (S,): over the exact law of belief
-            and decision, and over repeats.
+        errors: Root mean square error of its estimates, Euclidean, in units of belief, shape (S,): the mean over the exact law
+            of belief and decision, and over repeats.
         error_se: Standard errors over repeats, shape (S,).
-        top_state: How often it names a most likely state, shape (S,).
-        bayes_error: Error of the aware observer, below which no number of pairs leads.
-        prior_error: The error of an observer who sees no decision and knows the mean belief.
+        top_state: Probability that it names a most likely state, shape (S,).
+        bayes_error: Error of the aware observer, a lower bound for every number of pairs.
+        prior_error: Error of an observer who knows the mean belief and sees no decision.
 
     Source: `learning_curve`.
 
@@ -63,21 +63,21 @@ class LearningCurve(Summarised, Saved):
 def learning_curve(
     mechanism: Mechanism, prior: Prior, pairs: Sequence[int], *, rng: np.random.Generator, repeats: int = REPEATS
 ) -> LearningCurve:
-    """Return the error of an observer who has only data, by the number of pairs that it has seen.
+    """Return the error of an observer who has only data, by the number of pairs of belief and decision.
 
-    Formula: √Σ w_b K(u|π_b) ‖π_b − ŷ_n(u)‖², ŷ_n learned from n independent pairs, its square averaged over repeats.
+    Formula: √Σ w_b K(u|π_b) ‖π_b − ŷ_n(u)‖², ŷ_n learned from n independent pairs; the squared error is averaged over repeats.
 
     Args:
-        mechanism: K(u|π), which the observer does not know.
-        prior: Weights of the mechanism's beliefs, which it does not know either.
+        mechanism: K(u|π), unknown to the observer.
+        prior: Weights of the mechanism's beliefs, unknown to the observer.
         pairs: Numbers of pairs, each at least 10.
         rng: Source of the pairs.
-        repeats: Samples of pairs behind every point, at least 1.
+        repeats: Number of samples of pairs per point, at least 1.
 
     Raises:
         InputError: An argument is malformed, or scikit-learn is missing.
 
-    Cost: `repeats` times some ten milliseconds for every number of pairs.
+    Cost: about 10 ms per number of pairs and repeat.
 
     Source: `DataAdversary`; errors over the exact law, as `leakage`.
 

@@ -1,6 +1,6 @@
-"""The decision makers of every experiment, one section each: its keys, how it is made, and what it takes for a budget.
+"""The decision makers of experiments, one section each: its keys, its construction and its kind of budget.
 
-The first line of a section's documentation is what reports and documents say of it.
+Reports and documents show the first line of a section's docstring.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from inscrutable.privacy import (
 )
 
 _ROUNDINGS = (*range(1, 21), 25, 33, 50, 100)
-"""Weights in multiples of 1/n, for these n."""
+"""Values of n for weights in multiples of 1/n."""
 
 Goal = Literal["maximal", "reversed", "non-existence", "non-uniqueness", "infeasibility"]
 Chosen = Mapping[str, Any]
@@ -66,9 +66,9 @@ class MakerSection(Section):
     """A decision maker.
 
     Class attributes:
-        takes: What it takes for a budget.
-        promises: Whether a budget per belief holds for every decision, not only in expectation.
-        parameter: The key that, where it is given, stands in place of a budget.
+        takes: The kind of its budget.
+        promises: Whether a budget per belief bounds every decision, not only the expectation.
+        parameter: The key that replaces a budget if it is given.
     """
 
     takes: ClassVar[Takes] = Takes.MEAN
@@ -92,7 +92,7 @@ class MakerSection(Section):
 
     @classmethod
     def spending(cls, setting: Setting, chosen: Chosen, regret: float, seed: Seed) -> Behaviour | None:
-        """Return what it does when it spends an expected regret above 0; None where it does not suit the setting."""
+        """Return its behaviour at an expected regret above 0; None if it does not suit the setting."""
         return behaviour_of(setting, cls.make(setting, chosen, regret, seed))
 
 
@@ -115,14 +115,14 @@ def _candidates_seek_distance(section: _Hiding) -> _Hiding:
 
 
 class _Hides(MakerSection):
-    """A decision maker that seeks a privacy measure Ψ; `own` are those of a user's own, by name."""
+    """A decision maker that maximises a privacy measure Ψ; `own` holds user-defined measures by name."""
 
     takes = Takes.EACH
     own: ClassVar[Mapping[str, Callable[[], PrivacyMeasure]]] = {}
 
     @classmethod
     def goal_of(cls, chosen: Chosen) -> PrivacyMeasure:
-        """Return the measure that it seeks."""
+        """Return the measure that it maximises."""
         name = chosen.get("goal", "maximal")
         return cls.own[name]() if name in cls.own else goal_of(name)
 
@@ -150,8 +150,10 @@ class CounterAdversarial(_Hides):
 
 
 class Probabilistic(_Hides):
-    """The most private lottery that is affordable in expectation: over all decisions, over candidates alone, or by the
-    paper's linear programme over candidates."""
+    """The most private lottery that is affordable in expectation.
+
+    It is searched over all decisions, over candidates alone, or by the paper's linear programme over candidates.
+    """
 
     name: Literal["PDM"]
     goal: Grid[Goal] = ("maximal",)
@@ -169,7 +171,7 @@ class Probabilistic(_Hides):
 
 
 class Uniform(MakerSection):
-    """One of the affordable candidates, all equally likely."""
+    """A candidate drawn uniformly from the affordable ones."""
 
     takes, promises = Takes.EACH, True
     name: Literal["uniform"]
@@ -181,8 +183,10 @@ class Uniform(MakerSection):
 
 
 class Stackelberg(MakerSection):
-    """The committed mechanism that maximises the aware observer's error, with a budget per belief; `gap` is the proof's,
-    `loss` what is made large: the square error, or the loss of the section [rival]."""
+    """The committed mechanism that maximises the aware observer's error, with a budget per belief.
+
+    `gap` is the gap of the proof; `loss` is the objective: the square error, or the loss of the section [rival].
+    """
 
     takes = Takes.EACH
     name: Literal["Stackelberg"]
@@ -191,7 +195,7 @@ class Stackelberg(MakerSection):
 
     @staticmethod
     def make(setting: Setting, chosen: Chosen, amount: Any, seed: Seed) -> Any:
-        """Return it with a budget per belief; against the loss of the setting's rival where that is asked for."""
+        """Return it with a budget per belief; with the loss of the setting's rival if `loss` asks for it."""
         prior, candidates = setting.prior, setting.candidates
         return StackelbergDecisionMaker(
             setting.problem,
@@ -216,7 +220,7 @@ class RateDistortion(MakerSection):
 
 
 class _Noise(MakerSection):
-    """A decision maker whose expected regret grows about as its amount of noise."""
+    """A decision maker whose expected regret grows roughly with its amount of noise."""
 
     @classmethod
     def of_noise(cls, setting: Setting, amount: float) -> float:
@@ -225,7 +229,7 @@ class _Noise(MakerSection):
 
     @classmethod
     def spending(cls, setting: Setting, chosen: Chosen, regret: float, seed: Seed) -> Behaviour | None:
-        """Return what it does with as much noise as spends an expected regret."""
+        """Return its behaviour with the amount of noise that spends an expected regret."""
 
         def tried(amount: float) -> Behaviour:
             return behaviour_of(setting, cls.make(setting, chosen, cls.of_noise(setting, amount), seed))
@@ -234,7 +238,7 @@ class _Noise(MakerSection):
 
 
 class Exponential(_Noise):
-    """The exponential mechanism: candidates, the likelier the cheaper; without epsilon it is made to spend the budget."""
+    """The exponential mechanism: cheaper candidates are more probable; without `epsilon` it is calibrated to the budget."""
 
     parameter = "epsilon"
     name: Literal["exponential"]
@@ -252,7 +256,7 @@ class Exponential(_Noise):
 
 
 class Dirichlet(_Noise):
-    """Dirichlet noise on the weights; without a concentration it is made to spend the budget."""
+    """Dirichlet noise on the weights; without a concentration it is calibrated to the budget."""
 
     parameter = "concentration"
     name: Literal["Dirichlet noise"]
@@ -271,13 +275,13 @@ class Dirichlet(_Noise):
 
     @staticmethod
     def make(setting: Setting, chosen: Chosen, amount: Any, seed: Seed) -> Any:
-        """Return it with a concentration: the same noise in every trial, so that the regret moves with that alone."""
+        """Return it with a concentration; every trial uses the same noise, so the regret depends on the concentration alone."""
         drawn = {"rng": seed(), "n_draws": chosen.get("draws", 1000)}
         return DirichletDecisionMaker(setting.problem, amount, candidates=setting.candidates, **drawn)
 
 
 class Coin(MakerSection):
-    """The best constant decision with some probability, which else is what spends the budget; or the optimal one."""
+    """The best constant decision with some probability, else the optimal one; by default the budget sets the probability."""
 
     parameter = "probability"
     name: Literal["coin"]
@@ -290,14 +294,14 @@ class Coin(MakerSection):
 
     @classmethod
     def spending(cls, setting: Setting, chosen: Chosen, regret: float, seed: Seed) -> Behaviour | None:
-        """Return what it does with the probability that spends an expected regret, which is r₀ times that."""
+        """Return its behaviour with the probability that spends an expected regret: regret/r₀."""
         silent = setting.silence_regret
         share = min(regret / silent, 1.0) if silent > 0 else 0.0
         return behaviour_of(setting, cls.make(setting, chosen, share, seed))
 
 
 class Rounding(MakerSection):
-    """The optimal decision in whole steps, which else are the coarsest that the budget affords."""
+    """The optimal decision rounded to whole steps; by default the coarsest steps within the budget."""
 
     parameter = "step"
     name: Literal["rounding"]
@@ -315,7 +319,7 @@ class Rounding(MakerSection):
 
     @classmethod
     def spending(cls, setting: Setting, chosen: Chosen, regret: float, seed: Seed) -> Behaviour | None:
-        """Return what it does with the steps in use whose expected regret is nearest below one; else no rounding."""
+        """Return its behaviour with the usual step whose expected regret is nearest below the given one; else no rounding."""
 
         def every() -> list[tuple[Behaviour, float]]:
             found = [behaviour_of(setting, cls.make(setting, chosen, 1.0 / steps, seed)) for steps in _ROUNDINGS]
@@ -326,48 +330,49 @@ class Rounding(MakerSection):
 
 
 class WithMemory(MakerSection):
-    """A rule that decides by what came before, and needs to be known on a belief that moves."""
+    """A rule that depends on earlier beliefs or decisions, and needs the chain of the belief."""
 
     name: str
 
     @classmethod
     def suits(cls, setting: Setting) -> bool:
-        """Whether it is known how the belief moves."""
+        """Whether the chain of the belief is known."""
         return setting.chain is not None
 
 
 class Delay(WithMemory):
-    """The optimal decision of some steps ago, for the most whole steps that are affordable."""
+    """The optimal decision of some steps ago, with the longest affordable delay in whole steps."""
 
     name: Literal["delay"]
 
     @classmethod
     def spending(cls, setting: Setting, chosen: Chosen, regret: float, seed: Seed) -> Behaviour | None:
-        """Return what it does with the longest affordable delay."""
+        """Return its behaviour with the longest affordable delay."""
         return delayed(setting, regret)
 
 
 class PartialTrades(WithMemory):
-    """A fraction of the way to the optimal decision at every step."""
+    """A trade of a fixed fraction of the way to the optimal decision at every step."""
 
     name: Literal["partial trades"]
 
     @classmethod
     def suits(cls, setting: Setting) -> bool:
-        """Whether it is known how the belief moves, and there is something between two decisions."""
+        """Whether the chain of the belief is known and decisions can be mixed."""
         return super().suits(setting) and not setting.problem.is_discrete
 
     @classmethod
     def spending(cls, setting: Setting, chosen: Chosen, regret: float, seed: Seed) -> Behaviour | None:
-        """Return what it does with the fraction that spends an expected regret."""
+        """Return its behaviour with the fraction that spends an expected regret."""
         return partly(setting, regret)
 
 
 class Sequential(WithMemory):
-    """The sequential rule, which decides by the law of the observer who follows it, for its error or its information.
+    """The sequential rule, which depends on the aware observer's law of the belief and hides the belief from it.
 
-    `information_price` is in loss per nat, "infinite" where information alone counts; `loss` is what is made large: the square
-    error, or the loss of the section [rival]."""
+    `information_price` is in loss per nat; "infinite": information alone counts. `loss` is the objective: the square error, or
+    the loss of the section [rival].
+    """
 
     name: Literal["sequential"]
     information_price: Grid[NonNegative | Literal["infinite"]] | None = None
@@ -375,7 +380,7 @@ class Sequential(WithMemory):
 
     @classmethod
     def spending(cls, setting: Setting, chosen: Chosen, regret: float, seed: Seed) -> Behaviour | None:
-        """Return what it does with the prices that spend an expected regret in the long run."""
+        """Return its behaviour with the prices that spend an expected regret in the long run."""
         price = chosen.get("information_price")
         price = float("inf") if price == "infinite" else price
         return sequential(setting, regret, seed, price, _loss(setting, chosen))
@@ -396,7 +401,7 @@ MAKERS: Mapping[str, type[MakerSection]] = {
     "partial trades": PartialTrades,
     "sequential": Sequential,
 }
-"""Every decision maker by the name that files give it."""
+"""All decision makers by their names in files."""
 
 
 def behave(
@@ -409,18 +414,18 @@ def behave(
     seed: Seed,
     kinds: Mapping[str, type[MakerSection]] | None = None,
 ) -> Behaviour | None:
-    """Return what a decision maker does when it spends a budget; None where it does not suit the setting.
+    """Return a decision maker's behaviour at a budget; None if it does not suit the setting.
 
     Args:
-        setting: What it decides on.
-        chosen: Its keys, the name among them.
-        limit: A budget per belief; None for one that takes none.
-        regret: What the budget allows on average, in the cost's unit, where that is known.
-        each: Whether the budget is to hold at every belief. Else what it allows on average is spent in expectation, to
-            `tolerances.CALIBRATED` from below, by one with a budget per belief by scaling that; one that finds nothing more
-            private spends less.
-        seed: The stream of random numbers.
-        kinds: Every decision maker by its name; None is those of the library.
+        setting: The setting.
+        chosen: Its keys, including the name.
+        limit: A budget per belief; None if it takes none.
+        regret: Average regret that the budget allows, in the cost's unit, where known.
+        each: Whether the budget must hold at every belief. Otherwise the decision maker spends the average in expectation, to
+            `tolerances.CALIBRATED` from below, if necessary by scaling its budget per belief; it spends less where nothing more
+            private is affordable.
+        seed: Seed of the random numbers.
+        kinds: All decision makers by name; None: those of the library.
     """
     kind = (MAKERS if kinds is None else kinds)[chosen["name"]]
     if limit is None:
@@ -444,11 +449,11 @@ def behave(
 
 
 Maker = Callable[[Setting, float], Behaviour | None]
-"""Makes a decision maker spend an expected regret under the prior, as nearly as it can; None where it does not suit."""
+"""Calibrates a decision maker to an expected regret under the prior; None if it does not suit the setting."""
 
 
 def goal_of(name: str) -> PrivacyMeasure:
-    """Return the privacy measure Ψ that a decision maker seeks."""
+    """Return the privacy measure Ψ of a decision maker."""
     if name == "reversed":
         return DesiredObfuscation(reversed_belief)
     kinds: dict[str, type[PrivacyMeasure]] = {
@@ -466,7 +471,7 @@ def reversed_belief(belief: Any) -> Any:
 
 
 def _loss(setting: Setting, chosen: Chosen) -> Loss | None:
-    """What a maker makes large, by its keys: None for the square error."""
+    """Return the objective of a decision maker, by its keys: None for the square error."""
     if chosen.get("loss") != "rival":
         return None
     if setting.loss is None:

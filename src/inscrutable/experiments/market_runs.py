@@ -42,30 +42,30 @@ _MOST_CANDIDATES = 2_000_000
 _MOST_MARKETS = 10_000_000
 
 SIDES = 3
-"""The paper draws actions and beliefs as triangles."""
+"""The paper plots actions and beliefs as triangles."""
 
 COARSER = 4
-"""The number-of-samples claim compares the resolution asked for with one this many times coarser."""
+"""The number-of-samples claim compares the given resolution with one this many times coarser."""
 
 
 Steps = Annotated[int, Field(ge=2, le=1_000_000)]
 
 
 class ReproductionSettings(PlanFile):
-    """What `reproduce` does; the defaults are the paper's numbers, and documented choices where it gives none.
+    """Settings of `reproduce`; the defaults are the paper's numbers, or documented choices where it gives none.
 
     Args:
-        seed: Whole number of at least 0; every market has a child seed of its own, whatever the number of processes.
+        seed: Whole number of at least 0; every market has its own child seed, for any number of processes.
         budget: c_b, a share of |c*|, above 0.
-        markets: Markets over which the claims are judged, at least 2.
-        simulations: Markets behind the mean of the trade-off and of the number of samples, at least 2.
+        markets: Number of markets for the claims, at least 2.
+        simulations: Number of markets for the means of the trade-off and of the number-of-samples study, at least 2.
         market_steps: Beliefs per market, at least 2.
-        steps: Steps of the market that is drawn, at least 2.
-        resolution: Of the action grid and the decoy grid, at least 2; 40 gives M = 861.
-        budgets: Shares of |c*| of the trade-off, rising, above 0, at least two.
-        starts: Numbers of random starts of the local solver to compare, rising from 1, at least two.
-        sample_resolutions: Resolutions r of the number-of-samples study, rising; M = (r + 1)(r + 2)/2.
-        law: How markets are drawn; three regimes and three assets, because both spaces are drawn as triangles.
+        steps: Steps of the market in the figures, at least 2.
+        resolution: Resolution of the action grid and the decoy grid, at least 2; 40 gives M = 861.
+        budgets: Budgets of the trade-off, shares of |c*|, ascending, above 0, at least two.
+        starts: Numbers of random starts of the local solver to compare, ascending from 1, at least two.
+        sample_resolutions: Resolutions r of the number-of-samples study, ascending; M = (r + 1)(r + 2)/2.
+        law: The law of random markets; three regimes and three assets, because both spaces are plotted as triangles.
 
     Raises:
         InputError: A number is out of its range.
@@ -112,9 +112,9 @@ class ReproductionSettings(PlanFile):
 
 @dataclass(frozen=True, eq=False)
 class PlayedSteps:
-    """A decision maker's steps: of a lottery the drawn decision, and what the lottery gives on average.
+    """A decision maker's steps: the decision (of a lottery, the drawn one) and expectations over the lottery.
 
-    All of shape (T,): privacy Ψ; `increase` (c̄ − c*)/|c*|; both again in expectation; the dimension of Π.
+    All of shape (T,): privacy Ψ; `increase` (c̄ − c*)/|c*|; the expectations of both; the dimension of Π.
     """
 
     privacy: Array
@@ -126,7 +126,7 @@ class PlayedSteps:
 
 @dataclass(frozen=True, eq=False)
 class BudgetCurve:
-    """Privacy and normalised cost increase at the first step by budget, shape (B,); of a lottery in expectation."""
+    """Privacy and normalised cost increase at the first step by budget, shape (B,); for a lottery in expectation."""
 
     privacy: Array
     increase: Array
@@ -134,15 +134,15 @@ class BudgetCurve:
 
 @dataclass(frozen=True, eq=False)
 class VariantRun:
-    """What one variant did in one market.
+    """Results of one variant in one market.
 
     Args:
         cdm: The CDM at the budget c_b.
         pdm: The PDM at the budget c_b.
         cdm_curve: The CDM at every budget.
         pdm_curve: The PDM at every budget.
-        mixing_gain: What the lottery gains over the best affordable single one of the same candidates, shape (T,).
-        refining_gain: What the PDM gains over a grid `COARSER` times coarser, shape (T,).
+        mixing_gain: Gain of the lottery over the best affordable single candidate, shape (T,).
+        refining_gain: Gain of the PDM over one on a grid `COARSER` times coarser, shape (T,).
     """
 
     cdm: PlayedSteps
@@ -155,15 +155,15 @@ class VariantRun:
 
 @dataclass(frozen=True, eq=False)
 class MarketRun:
-    """One market: the ODM, both variants, the starts and, where asked for, the number of samples.
+    """Results in one market: the ODM, both variants, the starts and, if requested, the number of samples.
 
     Args:
         budget: c_b, a share of |c*|.
-        budgets: Those of the curves, rising.
+        budgets: Budgets of the curves, ascending.
         odm: The original decision maker.
         variants: `VariantRun` by variant name.
         starts: Privacy of the local CDM at the first step, best of the first 1, 5, … starts, shape (S,).
-        samples: The PDM's expected privacy at the first step by kind of candidates and resolution; None if not asked.
+        samples: The PDM's expected privacy at the first step by kind of candidates and resolution; None if not requested.
     """
 
     budget: float
@@ -183,7 +183,7 @@ class VariantEpisode:
 
     @property
     def candidates(self) -> Candidates:
-        """What its PDM mixes."""
+        """The candidates of its PDM."""
         return self.setting.candidates
 
 
@@ -196,9 +196,9 @@ class Walk(NamedTuple):
 
 
 def walked(settings: ReproductionSettings, n_steps: int, streams: Sequence[np.random.Generator]) -> Walk:
-    """Return what ODM, CDM and PDM of both variants do at c_b in a market.
+    """Return the decisions of ODM, CDM and PDM of both variants at c_b in a market.
 
-    The streams draw the market, its beliefs, the local solver's starts, and what lotteries play.
+    The streams draw the market, its beliefs, the local solver's starts, and the lotteries.
     """
     draw, path, local, lottery = streams
     market = random_market(settings.law, rng=draw)
@@ -253,7 +253,7 @@ def run_market(settings: ReproductionSettings, seed: np.random.SeedSequence, cou
 def _best_of_starts(
     problem: DecisionProblem, belief: Array, settings: ReproductionSettings, first: float, rng: np.random.Generator
 ) -> Array:
-    """A search from n starts is the best of n searches from one: the first is known, the others follow it."""
+    """Return the best privacy by number of starts: n starts are the best of n single ones, the first of which is given."""
     found = np.array([first])
     if max(settings.starts) > 1:
         limit = Budget.relative(settings.budget).limit(float(problem.optimal_cost(belief)))
@@ -304,7 +304,7 @@ def _mixed_curve(frontier: Frontier, shares: tuple[float, ...]) -> BudgetCurve:
 
 
 def _searched_curve(walk: VariantEpisode, settings: ReproductionSettings, rng: np.random.Generator) -> BudgetCurve:
-    """The local solver anew at every budget, at the first step; at c_b what it has already found."""
+    """Return the local solver's curve at the first step, solved at every budget; at c_b the known decision."""
     first, local = walk.episode.beliefs[:1], DECISION_MAKERS[PAPER][1]
     found = [
         walk.episode.records["CDM"].decisions[0]

@@ -1,4 +1,4 @@
-"""How fast an observer learns a masked basket: a fund publishes its weights every day, with a mask added to them."""
+"""The rate at which an observer learns a masked basket: a fund publishes its weights daily plus a mask."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ Shown = Literal["fresh mask", "kept mask", "value"]
 
 
 class MaskedBasketFile(PlanFile):
-    """Funds of constant weights, so many in each repeat, and what is shown of them every day.
+    """Funds of constant weights, their number per repeat, and their daily disclosure.
 
-    "fresh mask" draws a mask anew every day, "kept mask" once; masks sum to zero. "value" shows the fund's return, with some
-    noise, to an observer who knows the returns of its assets.
+    "fresh mask" draws a new mask every day, "kept mask" one mask for all days; masks sum to zero. "value" discloses the fund's
+    return plus noise to an observer who knows the returns of its assets.
     """
 
     kind: Literal["masked basket"] = "masked basket"
@@ -33,9 +33,9 @@ class MaskedBasketFile(PlanFile):
 
 
 def errors_by_day(plan: MaskedBasketFile, shown: str, rng: np.random.Generator) -> Array:
-    """Return the root mean square error of a weight after each day, over the funds, shape (days,); NaN while there is none.
+    """Return the root mean square error of a weight after each day, over the funds, shape (days,); NaN without an estimate.
 
-    The rival averages masked baskets; of values it takes the least-squares weights, from the day on which they are identified.
+    The observer averages masked baskets; from values it estimates the weights by least squares, once they are identified.
     """
     n_days, n_assets = plan.days, plan.assets
     squared = np.zeros(n_days)
@@ -63,11 +63,11 @@ def _by_value(plan: MaskedBasketFile, weights: Array, rng: np.random.Generator) 
 
 
 def reported(plan: MaskedBasketFile) -> list[int]:
-    """Return the days that are reported: evenly spaced in their logarithm, the last one included."""
+    """Return the reported days: evenly spaced on a logarithmic scale, including the last."""
     return sorted({round(day) for day in np.geomspace(1, plan.days, 24)})
 
 
 def slope_of(errors: Array) -> float:
-    """Return the slope of log error by log day, over all days that have an error; NaN for fewer than two."""
+    """Return the slope of log error against log day, over all days with an error; NaN for fewer than two."""
     days = np.flatnonzero(np.isfinite(errors) & (errors > 0)) + 1
     return float(np.polyfit(np.log(days), np.log(errors[days - 1]), 1)[0]) if len(days) > 1 else float("nan")

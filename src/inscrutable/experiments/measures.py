@@ -1,4 +1,4 @@
-"""The measures of every experiment: what each is called, what it means, and how it is found."""
+"""The measures of experiments: name, meaning and computation."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ class Measure(NamedTuple):
     """A figure of a mechanism.
 
     Args:
-        title: What it is called in tables.
-        meaning: What it is, in a sentence.
-        value: Returns it; None for one of single observers, which `Observed.read_by` gives.
-        sign: 1 where more of it is more private, -1 where less, 0 where it says nothing of privacy.
-        spoken: What it is called within a sentence; empty for the title.
+        title: Its name in tables.
+        meaning: Its definition in one sentence.
+        value: Function that returns it; None for a measure of a single observer, from `Observed.read_by`.
+        sign: 1 if larger is more private, −1 if smaller is, 0 if it does not measure privacy.
+        spoken: Its name within a sentence; empty: the title.
     """
 
     title: str
@@ -146,12 +146,12 @@ MEASURES: Mapping[str, Measure] = {
         "detectability",
     ),
 }
-"""Every measure by the name that files give it. A page's verdict is about the first of `HEADLINES` that was measured."""
+"""All measures by their names in files. A page's verdict uses the first of `HEADLINES` that was measured."""
 
 HEADLINES = ("error", "naive_privacy", "mutual_information", "top_state", "read_auc")
 
 OF_OBSERVERS = tuple(name for name, measure in MEASURES.items() if measure.value is None)
-"""Measures that are an observer's; every other one is the mechanism's, the same for every observer."""
+"""Measures of an observer; all others are those of the mechanism, equal for every observer."""
 
 
 WITHOUT = ("prior_error", "prior_top_state")
@@ -159,7 +159,7 @@ WITHOUT = ("prior_error", "prior_top_state")
 
 
 def reads_beside(chosen: Mapping[str, object]) -> bool:
-    """Whether an observer, by its keys, reads something beside decisions."""
+    """Return whether an observer, given by its keys, has observations of its own besides decisions."""
     return chosen.get("public", NOTHING) != NOTHING
 
 
@@ -178,7 +178,7 @@ def figures_of(
     observers: Mapping[str, Any] | None = None,
     kinds: Mapping[str, Measure] = MEASURES,
 ) -> dict[str, float]:
-    """Return measures by name, with those of one observer, by its name and keys, where they are among them."""
+    """Return measures by name, including those of one observer given by its keys."""
     asked = any(name in OF_OBSERVERS or (name in WITHOUT and reads_beside(chosen)) for name in measures)
     read = observed.read_by(chosen, observers)._asdict() if asked else {}
     own = {name: value for name, value in read.items() if value is not None}

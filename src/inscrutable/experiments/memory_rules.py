@@ -1,14 +1,13 @@
-"""Late and partial trading: rules that decide by what came before, judged on a moving belief.
+"""Delayed and partial trading: rules with a memory, evaluated on a chain of beliefs.
 
-Such a rule is no mechanism K(u|π), but in the middle of a long path of a `BeliefChain` today's belief and today's decision
-have a joint law, and with it a mechanism: the one that observers without knowledge of the rule face. The aware observer
-reads it backwards. After a delay of d steps the decision is the optimal one of the belief d steps ago, and what is left to
-guess is how the belief has moved since: R^d K. A fraction f of the trade gives the target away: v_t = (u_t − (1 − f) u_{t−1})/f
-is the optimal decision, to the last digit, so nothing is hidden from an observer who also saw the decision before.
+Such a rule is not a mechanism K(u|π). But on a stationary path of a `BeliefChain` the present belief and decision have a joint
+law, which defines a mechanism for observers who do not know the rule. The aware observer decodes the rule. With a delay of d
+steps the decision is the optimal one of the belief d steps ago, and only the steps since then are uncertain: R^d K. With
+partial trading of a fraction f, v_t = (u_t − (1 − f) u_{t−1})/f is exactly the optimal decision, so nothing is hidden from an
+observer who also saw the previous decision.
 
-A belief that is held for n decisions is met with the optimal decision itself after a delay of d < n steps, and d + 1 − n steps
-late before. Decisions seen before the last (and for the fraction the last but one) could reveal a little more, where several
-beliefs share one optimal decision; that is left out.
+If a belief stays for n decisions, the last decision is its optimal decision for a delay of d < n steps; otherwise it is d + 1 −
+n steps late. Earlier decisions could reveal slightly more where several beliefs share an optimal decision; this is neglected.
 """
 
 from __future__ import annotations
@@ -28,22 +27,22 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 LONGEST_DELAY = 60
-"""Steps: five years of months, after which few beliefs remember where they were."""
+"""Longest delay in steps: five years of months, after which beliefs are nearly independent."""
 
 PAST = 100
-"""Steps of trading before the decision that is judged."""
+"""Steps of trading before the evaluated decision."""
 
 _LEAST_FRACTION = 1.0 / PAST
-"""Of a trade: with a smaller one, what was held at the start of the past would still weigh more than a third."""
+"""Least fraction of a trade: with a smaller one the initial holding would still have a weight above one third."""
 
 _LEAST_DRAWS = 500
-"""Pasts sampled at least, the same number for every belief."""
+"""Least number of sampled pasts, the same for every belief."""
 _PATH_SEED = 0
 
 
 @dataclass(eq=False)
 class _Drawn:
-    """Decisions sampled for every belief, as a decision maker that a mechanism can be made of."""
+    """Sampled decisions of every belief, in the form of a decision maker for `mechanism`."""
 
     problem: DecisionProblem
     actions: Array  # (B, n, U)
@@ -59,7 +58,7 @@ class _Drawn:
 
 
 def delayed(setting: Setting, regret: float) -> Behaviour | None:
-    """Return the longest affordable delay, as rounding cannot be scaled either; None where no chain is known."""
+    """Return the longest affordable delay; None without a chain."""
     chain = setting.chain
     if chain is None:
         return None
@@ -75,7 +74,7 @@ def delayed(setting: Setting, regret: float) -> Behaviour | None:
 
 @dataclass(frozen=True, eq=False)
 class _Late:
-    """The decisions as the aware observer, who knows the delay, reads them."""
+    """The delayed decisions as decoded by the aware observer, who knows the delay."""
 
     problem: DecisionProblem
     chain: BeliefChain
@@ -84,20 +83,20 @@ class _Late:
 
     @property
     def decided(self) -> tuple[Mechanism, int]:
-        """Optimal decisions, of the belief that many steps ago."""
+        """The mechanism of optimal decisions, and the delay of the belief behind them."""
         return self.optimal, self.n_steps
 
     def __call__(self, n: int) -> Mechanism:
-        """Return the mechanism that the last of n decisions on one belief comes from."""
+        """Return the mechanism of the last of n decisions on one belief."""
         return self.chain.lagged(self.optimal, max(self.n_steps + 1 - n, 0))
 
     def published(self, path: np.ndarray) -> Array:
-        """Return the late decisions (T,U) along a path of beliefs, given as places (T,)."""
+        """Return the delayed decisions (T,U) along a path of beliefs, given as indices (T,)."""
         return _rule_points(DelayedDecisionMaker(self.problem, self.n_steps), self.chain.prior.beliefs[path])
 
 
 def partly(setting: Setting, regret: float) -> Behaviour | None:
-    """Return the trade of a fraction that spends the regret; None where no chain is known, or nothing lies in between."""
+    """Return the partial trading that spends the regret; None without a chain, or where decisions cannot be mixed."""
     chain, problem = setting.chain, setting.problem
     if chain is None or problem.is_discrete:
         return None
@@ -114,13 +113,13 @@ def partly(setting: Setting, regret: float) -> Behaviour | None:
 
 def _targets(chain: BeliefChain, problem: DecisionProblem) -> Array:
     """Optimal decisions along sampled pasts of every belief, shape (PAST+1,B,n,U)."""
-    rng = np.random.default_rng(_PATH_SEED)  # the same pasts in every trial: the regret moves with the fraction alone
+    rng = np.random.default_rng(_PATH_SEED)  # the same pasts in every trial: the regret depends on the fraction alone
     pasts = chain.histories(PAST, -(-_LEAST_DRAWS // len(chain.prior)), rng=rng)
     return np.asarray(np.atleast_2d(problem.solve_points(chain.prior.beliefs))[pasts])
 
 
 def _traded(setting: Setting, targets: Array, fraction: float) -> Behaviour:
-    """The trade of a fraction, begun at the first target; of no fraction at all, what was held from the first on."""
+    """Return the decisions of partial trading from the first target on; at fraction 0 the first target throughout."""
     problem, beliefs = setting.problem, setting.prior.beliefs
     published = partial_trades(targets, targets[0], fraction)
     played = mechanism(_Drawn(problem, published[-1]), beliefs)
@@ -131,8 +130,10 @@ def _traded(setting: Setting, targets: Array, fraction: float) -> Behaviour:
 
 @dataclass(frozen=True, eq=False)
 class _Decoded:
-    """The decisions as the aware observer, who knows the fraction and saw the decision before, reads them: the optimal
-    decision nearest to the target."""
+    """The decisions as decoded by the aware observer, who knows the fraction and the previous decision.
+
+    The decoded decision is the optimal one nearest to the target.
+    """
 
     optimal: Mechanism
     problem: DecisionProblem
@@ -140,7 +141,7 @@ class _Decoded:
     fraction: float
 
     def __call__(self, n: int) -> Mechanism:
-        """Return the mechanism that the decoded decisions come from, however many were seen."""
+        """Return the mechanism of the decoded decisions, the same for any number of decisions."""
         before, last = self.last_two
         targets = (last - (1.0 - self.fraction) * before) / self.fraction
         known = self.problem.as_points(self.optimal.actions)
@@ -149,11 +150,11 @@ class _Decoded:
 
     @property
     def decided(self) -> tuple[Mechanism, int]:
-        """Optimal decisions, of today's belief."""
+        """The mechanism of optimal decisions, and a delay of 0."""
         return self.optimal, 0
 
     def published(self, path: np.ndarray) -> Array:
-        """Return the decisions (T,U) along a path of beliefs, given as places (T,)."""
+        """Return the decisions (T,U) along a path of beliefs, given as indices (T,)."""
         return _rule_points(PartialDecisionMaker(self.problem, self.fraction), self.optimal.beliefs[path])
 
 

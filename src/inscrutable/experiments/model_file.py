@@ -1,4 +1,4 @@
-"""The layout of a saved investor model: which keys it has and what stands under each, checked before anything is built."""
+"""The schema of a saved investor model: its keys and their types, checked before anything is built."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class ModelFile(Section):
 
 
 def checked(source: Path, data: dict[str, Any]) -> ModelFile:
-    """Return the content of a file if every key is there and holds what it should, else raise one `InputError`."""
+    """Return the content of a file, or raise one `InputError` if a key is missing or has an invalid value."""
     try:
         return ModelFile.model_validate(data)
     except ValidationError as error:

@@ -1,4 +1,4 @@
-"""The observers of every experiment, one section each, and their results on a mechanism."""
+"""The observers of experiments, one section each, and their results on a mechanism."""
 
 from __future__ import annotations
 
@@ -31,26 +31,26 @@ from inscrutable.validation import Array
 Chosen = Mapping[str, Any]
 
 _DATA_SEED = 20_260_101
-"""Of the pairs that an observer of data has seen: the same for every decision maker."""
+"""Seed of the pairs that the observer of data has seen: the same for every decision maker."""
 
 _FOLLOWED_SEED = 20_260_102
-"""Of the decisions that are drawn along paths for the aware observer over time."""
+"""Seed of the decisions along paths for the aware observer over time."""
 
 NOTHING, MARKET, ALL = "none", "market", "all"
-"""What an observer reads beside decisions; the number of an asset stands for its return."""
+"""An observer's own observations besides decisions; the number of an asset means its return."""
 
 
 class ObserverReading(NamedTuple):
-    """What an observer makes of decisions, and what it knows without any where that is more than the law of beliefs."""
+    """An observer's error and naming given decisions, and without decisions where it knows more than the law of beliefs."""
 
     error: float  # root mean square, Euclidean, in units of belief
-    top_state: float  # how often a most likely state is named
+    top_state: float  # probability of naming a most likely state
     prior_error: float | None = None
     prior_top_state: float | None = None
 
 
 def _written(given: Any) -> str:
-    """A disclosure, given as text or as a table, as text."""
+    """Return a disclosure, given as text or as a table, as text."""
     try:
         found = Disclosure.of(given)
     except InputError as error:
@@ -71,16 +71,16 @@ DisclosureText = Annotated[str, BeforeValidator(_written)]
 """A disclosure as text, given as such or as a table of operations."""
 
 Shown = Annotated[DisclosureText, AfterValidator(_single)]
-"""What is shown of a single decision, as text: "exact", "at_least(0.05)", or a table of operations."""
+"""The disclosure of a single decision, as text: "exact", "at_least(0.05)", or a table of operations."""
 
 
 class Observed:
-    """What a decision maker does in a setting, measured once however many observers and measures ask.
+    """The measures of a behaviour in a setting, each computed once for all observers.
 
     Args:
         setting: The setting.
-        behaviour: What it does.
-        detects: Whether it is asked anyway by which belief each decision is excused; the naive observer then knows.
+        behaviour: The decision maker's behaviour.
+        detects: Whether detectability is measured; its beliefs of least regret then serve the naive observer.
     """
 
     def __init__(self, setting: Setting, behaviour: Behaviour, *, detects: bool = False) -> None:
@@ -93,7 +93,7 @@ class Observed:
 
     @cached_property
     def played(self) -> Leakage:
-        """Cost and leakage of single decisions, taken for draws of a mechanism."""
+        """Cost and leakage of single decisions as draws of a mechanism."""
         return leakage(self.behaviour.mechanism, self.setting.prior, self.setting.problem, loss=self.setting.loss)
 
     @cached_property
@@ -104,7 +104,7 @@ class Observed:
 
     @cached_property
     def detectability(self) -> Detectability:
-        """Whether it is seen that something is hidden."""
+        """The detectability of hiding."""
         return detectability(self.behaviour.mechanism, self.setting.prior, self.setting.problem)
 
     @cached_property
@@ -114,19 +114,19 @@ class Observed:
 
     @property
     def paid(self) -> float:
-        """Factor of the mechanism's regret that is paid in the long run: 1, unless that was simulated for longer."""
+        """Ratio of the long-run regret to the mechanism's regret: 1, unless a longer simulation is known."""
         play, regret = self.behaviour.play, self.played.expected_regret
         return 1.0 if play is None or not regret > 0 else play.regret / regret
 
     @property
     def asked(self) -> float:
-        """The expected regret asked for; the one spent, where none was."""
+        """The requested expected regret; the one spent if none was requested."""
         asked = self.behaviour.asked
         return self.played.expected_regret if asked is None else asked
 
     @property
     def promise(self) -> Budget:
-        """The largest regret of any decision, as far as it is known."""
+        """The largest regret of any decision, where known."""
         promise = self.behaviour.promise
         return Budget.regret(self.played.worst_regret) if promise is None else promise
 
@@ -139,7 +139,7 @@ class Observed:
         return leakage(played, self.setting.prior, disclosure=disclosure, loss=self.setting.loss)
 
     def knowledge(self, disclosure: Disclosure) -> dict[str, Any]:
-        """Return the decisions that an observer of sets considers where parts are hidden: those played and the candidates."""
+        """Return the decisions that a set observer considers under a partial disclosure: played ones and candidates."""
         if disclosure.is_exact:
             return {}
         problem, mechanism = self.setting.problem, self.behaviour.mechanism
@@ -147,15 +147,15 @@ class Observed:
         return {"disclosure": disclosure, "candidates": problem.as_actions(points)}
 
     def guesses(self, observer: Adversary, disclosure: Disclosure, excuses: Array | None = None) -> Array:
-        """Return an observer's estimates (M,X) at every decision that is played, as it is shown."""
+        """Return an observer's estimates (M,X) at every played decision, as disclosed."""
         actions = self.behaviour.mechanism.actions
         return guesses_of(observer, actions if disclosure.is_exact else disclosure.shown(actions), self.joint, excuses)
 
     def shown(self, chosen: Chosen) -> Disclosure:
-        """Return what an observer, by its keys, is shown of the setting's decisions.
+        """Return the disclosure of the setting's decisions to an observer, given by its keys.
 
         Raises:
-            ModelError: Parts of decisions by a rule whose decisions are read from those before.
+            ModelError: A partial disclosure of a rule whose decisions are decoded from earlier ones.
         """
         found = Disclosure.of(chosen.get("disclosure")).of_problem(self.setting.problem)
         if self.behaviour.memory is not None and not found.is_exact:
@@ -163,19 +163,19 @@ class Observed:
         return found
 
     def read_by(self, chosen: Chosen, kinds: Mapping[str, Any] | None = None) -> ObserverReading:
-        """Return what an observer, by name and keys, makes of single decisions; `kinds` are all there are by name."""
+        """Return an observer's results on single decisions; `chosen` has its name and keys, `kinds` all observers by name."""
         found: ObserverReading = (OBSERVERS if kinds is None else kinds)[chosen["name"]].read(self, chosen)
         return found
 
 
 class ObserverSection(Section):
-    """An observer; `disclosure` says what it is shown of a decision."""
+    """An observer; `disclosure` is the part of a decision that it sees."""
 
     disclosure: Grid[Shown] | None = None
 
     @staticmethod
     def adversary(observed: Observed, chosen: Chosen) -> Adversary:
-        """Return it, with what it knows of the decision maker."""
+        """Return the observer with its knowledge of the decision maker."""
         raise NotImplementedError
 
     @classmethod
@@ -201,7 +201,7 @@ class Naive(ObserverSection):
 
 
 class NearOptimal(ObserverSection):
-    """Allows for a regret, which else is the one the decision maker spends; knows the law of beliefs."""
+    """Allows a regret, by default the one that the decision maker spends; knows the law of beliefs."""
 
     name: Literal["near-optimal"]
     regret: Grid[NonNegative] | None = None
@@ -215,7 +215,7 @@ class NearOptimal(ObserverSection):
 
 
 class BudgetAware(ObserverSection):
-    """Knows the largest regret that any decision has; knows the law of beliefs."""
+    """Knows the largest regret of any decision and the law of beliefs."""
 
     name: Literal["budget-aware"]
 
@@ -239,7 +239,7 @@ class Bayesian(ObserverSection):
 
 
 class Data(ObserverSection):
-    """Knows neither the costs nor the rule nor the law of beliefs: has seen that many pairs of belief and decision."""
+    """Knows neither costs nor rule nor the law of beliefs, but has seen a number of pairs of belief and decision."""
 
     name: Literal["data"]
     pairs: Grid[Annotated[int, Field(ge=10)]] = (1000,)
@@ -253,10 +253,10 @@ class Data(ObserverSection):
 
 
 class SequentialObserver(ObserverSection):
-    """Knows the mechanism and how the belief moves, and follows it through all decisions along paths; needs [beliefs] of kind
-    "stationary". `disclosure` may say how often and how late decisions are shown, such as "every(3)|delayed(2)"; `public`
-    is what it reads itself at every step: "none", "market" (the mean of the assets' returns, or of the farms' outputs), "all"
-    of them, or that of one asset or farm by its number from 0."""
+    """Knows the mechanism and the chain of the belief, and filters the belief over all decisions of a path; needs [beliefs] of
+    kind "stationary". `disclosure` may include a schedule, such as "every(3)|delayed(2)". `public` is its own observation at
+    every step: "none", "market" (the mean of the assets' returns, or of the farms' outputs), "all" of them, or that of one
+    asset or farm, by its number from 0."""
 
     name: Literal["sequential"]
     disclosure: Grid[DisclosureText] | None = None
@@ -264,12 +264,12 @@ class SequentialObserver(ObserverSection):
 
     @classmethod
     def read(cls, observed: Observed, chosen: Chosen) -> ObserverReading:
-        """Return what it makes of all decisions so far."""
+        """Return its results on all decisions so far."""
         setting, behaviour = observed.setting, observed.behaviour
         shown, public = observed.shown(chosen), chosen.get("public", NOTHING)
         if setting.chain is None:
             raise InputError("an observer that follows the belief needs beliefs that move: of kind stationary")
-        if public == ALL:  # an observer who reads all that the agent reads, with its model, knows its belief
+        if public == ALL:  # an observer with all of the agent's observations and its model knows its belief
             return ObserverReading(0.0, 1.0, 0.0, 1.0)
         beside = None
         if public != NOTHING:
@@ -297,4 +297,4 @@ OBSERVERS: Mapping[str, type[ObserverSection]] = {
     "data": Data,
     "sequential": SequentialObserver,
 }
-"""Every observer by the name that files give it."""
+"""All observers by their names in files."""

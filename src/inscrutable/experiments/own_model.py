@@ -1,4 +1,4 @@
-"""A model that a person writes: risk aversion and budget, what may be held, and regimes of one's own, in one TOML file."""
+"""A user-written model in one TOML file: risk aversion, budget, limits on weights, and optionally regimes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Names = Annotated[list[str], Field(min_length=1)]
 
 
 class InvestorPart(Section):
-    """What the investor trades off, and what it spends on privacy."""
+    """The investor's risk aversion and its budget for privacy."""
 
     risk_aversion: Positive | None = Field(
         default=None, description="γ of γu'Σu − μ'u, without a half; 5 for a backtest"
@@ -43,11 +43,11 @@ class InvestorPart(Section):
     cost_bps: NonNegative | None = Field(default=None, description="cost per unit traded, in basis points; 10")
 
 
-_MOST_TURNOVER = 10.0  # more is hardly a limit: 30 for 30 %
+_MOST_TURNOVER = 10.0  # a larger value is probably a percentage: 30 for 30 %
 
 
 class LimitsPart(Section):
-    """What may be held. Without `long_short` nothing is short and all is invested."""
+    """Limits on weights. Without `long_short` weights are nonnegative and sum to one."""
 
     max_weight: Likely | dict[str, float] | None = Field(
         default=None, description="most of every asset, or a table of assets and theirs"
@@ -72,7 +72,7 @@ class LimitsPart(Section):
         """Return the feasible set of weights of these assets, without the limit on turnover; files lie in `folder`.
 
         Raises:
-            InputError: A name is none of the assets, a cap has no sectors, or a key goes with `long_short` alone.
+            InputError: A name is not an asset, a cap has no sectors, or a key needs `long_short`.
             ModelError: A limit excludes every decision by itself.
         """
         if self.long_short is None:
@@ -104,17 +104,17 @@ class LimitsPart(Section):
         return rows
 
     def over(self, other: LimitsPart) -> LimitsPart:
-        """Return other limits with those that are given here instead."""
+        """Return other limits, with the limits given here replacing theirs."""
         return other.model_copy(update=self.model_dump(exclude_none=True))
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing is limited."""
+        """Whether there are no limits."""
         return not self.model_dump(exclude_none=True)
 
 
 class RegimesPart(Section):
-    """Regimes of one's own instead of fitted ones: how they move and what assets return in them, per row of the returns."""
+    """User-defined regimes instead of fitted ones: transition, means and covariances, per row of the returns."""
 
     names: Names = Field(description="of the regimes, in the order of a belief's entries")
     assets: list[str] | None = Field(
@@ -137,7 +137,7 @@ class RegimesPart(Section):
         """Return the hidden Markov model; files lie in `folder`.
 
         Raises:
-            InputError: Means or covariances are given twice or not at all, or sizes or labels disagree.
+            InputError: Means or covariances are given twice or are missing, or sizes or labels disagree.
             ModelError: A matrix has no meaning as such.
         """
         for key in ("means", "covariances"):
@@ -187,13 +187,13 @@ class OwnModelFile(Section):
 
 @dataclass(frozen=True, eq=False)
 class OwnModel:
-    """A model file with its content, checked as far as is possible without returns.
+    """A model file with its content, checked as far as possible without returns.
 
     Args:
-        file: What the file says.
-        source: Where it says it.
-        folder: Where the files that it names lie.
-        world: Its regimes; None where a backtest is to fit them.
+        file: Content of the file.
+        source: The file with the line of each key.
+        folder: Folder of the files that it names.
+        world: The regimes' world; None where a backtest fits them.
     """
 
     file: OwnModelFile
@@ -203,7 +203,7 @@ class OwnModel:
 
     @classmethod
     def of_limits(cls, limits: LimitsPart) -> OwnModel:
-        """Return a model of limits alone."""
+        """Return a model that has only limits."""
         return cls(OwnModelFile(constraints=limits), TomlSource("options"), Path(), None)
 
     @classmethod
@@ -211,7 +211,8 @@ class OwnModel:
         """Return the model of a TOML file.
 
         Raises:
-            InputError: The file cannot be read, a key is unknown or missing, or a value is none; line and key are named.
+            InputError: The file cannot be read, a key is unknown or missing, or a value is invalid; the message names line and
+                key.
             ModelError: A matrix has no meaning as such.
         """
         data, source = read_toml(path, "model")
@@ -228,18 +229,18 @@ class OwnModel:
         return cls(file, source, path.parent, world)
 
     def region(self, assets: tuple[str, ...]) -> Polyhedron | None:
-        """Return the feasible set of weights of assets, None where the file limits nothing."""
+        """Return the feasible set of weights of assets; None where the file has no limits."""
         if self.file.constraints.is_empty:
             return None
         with self.source.saying(("constraints",)):
             return self.file.constraints.region(assets, self.folder)
 
     def with_limits(self, limits: LimitsPart) -> OwnModel:
-        """Return the model with limits that replace the file's."""
+        """Return the model with limits that replace those of the file."""
         return replace(self, file=self.file.model_copy(update={"constraints": limits.over(self.file.constraints)}))
 
     def investor(self, limits: LimitsPart | None = None) -> InvestorModel:
-        """Return the investor of a file with regimes, limits given here instead of the file's.
+        """Return the investor of a file with regimes; `limits` replace those of the file.
 
         Raises:
             InputError: The file has no regimes, or the limits name other assets.
@@ -265,15 +266,15 @@ class OwnModel:
 
 
 def budget_of(part: InvestorPart) -> Budget | SilenceShare | None:
-    """Return the budget that a section states, None where it states none."""
+    """Return the budget of a section; None if it has none."""
     return None if part.budget is None else written_budget(part.budget)
 
 
 def investor_of(path: Path, limits: LimitsPart | None = None) -> InvestorModel:
-    """Return the investor of a model.json of a backtest or of a model.toml, limits given here instead of the file's.
+    """Return the investor of a backtest's model.json or of a model.toml; `limits` replace those of the file.
 
     Raises:
-        InputError: The file is no model, or the limits do not go with it.
+        InputError: The file is not a model, or the limits do not suit it.
     """
     if path.suffix.lower() == ".toml":
         return OwnModel.load(path).investor(limits)

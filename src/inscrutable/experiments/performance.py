@@ -27,7 +27,7 @@ _BLOCK_OF_WORK = 4_000_000
 
 
 class Frequency(NamedTuple):
-    """How often a row comes, as a count per year and as a word."""
+    """The frequency of rows, as a count per year and as a word."""
 
     per_year: float
     word: str
@@ -43,7 +43,7 @@ _KNOWN = (
 
 
 def frequency_of(dates: pd.DatetimeIndex) -> Frequency:
-    """Return how many rows make a year, from the median distance of the dates.
+    """Return the number of rows per year, from the median distance of the dates.
 
     252 for trading days, 52 for weeks, 12 for months, 4 for quarters, 1 for years; other distances d give 365.25 / d.
 
@@ -68,17 +68,17 @@ def frequency_of(dates: pd.DatetimeIndex) -> Frequency:
 
 @dataclass(frozen=True, eq=False)
 class Performance:
-    """What one sequence of portfolios earned, before and after the cost of trading.
+    """Returns of one sequence of portfolios, before and after the cost of trading.
 
     Formula: annual return (Π(1 + r_t))^(n/T) − 1, annual volatility s(r) √n, annual Sharpe ratio mean(e)/s(e) √n with
-    e_t = r_t − riskless_t, n rows a year, s the sample standard deviation (divisor T − 1). The factor √n takes the
-    returns as uncorrelated in time (Lo, Financial Analysts Journal 58, 2002).
+    e_t = r_t − riskless_t, n rows per year, s the sample standard deviation (divisor T − 1). The factor √n assumes returns
+    uncorrelated in time (Lo, Financial Analysts Journal 58, 2002).
 
     Args:
         gross: Simple return of each row, shape (T,), as a fraction.
         net: The same after the cost of the trades that set up the portfolio, shape (T,).
         traded: Bought plus sold to set up the portfolio, shape (T,), as a fraction of wealth.
-        riskless: Return of the riskless asset over the same rows, shape (T,); zeros where none is given.
+        riskless: Return of the riskless asset over the same rows, shape (T,); zeros if none is given.
         frequency: Rows a year.
 
     Example: see `track_portfolios`.
@@ -109,7 +109,7 @@ class Performance:
 
     @cached_property
     def turnover(self) -> float:
-        """Bought plus sold per year, as a fraction of wealth; the first purchase is left out."""
+        """Purchases plus sales per year, as a fraction of wealth; without the first purchase."""
         later = self.traded[1:]
         return float(later.mean() * self.frequency.per_year) if len(later) else 0.0
 
@@ -125,11 +125,11 @@ def track_portfolios(
     cost: float = 0.0,
     riskless: ArrayLike | None = None,
 ) -> Performance:
-    """Return what portfolios earn when each is held over one row of returns and then traded into the next.
+    """Return the performance of portfolios that are each held over one row of returns and then traded into the next.
 
     Formula: r_t = w_t·R_t; the weights drift to w_t (1 + R_t)/(1 + r_t) while they are held, so the next portfolio
-    trades q_{t+1} = Σ |w_{t+1} − drifted w_t| (bought plus sold); net return (1 + r_t)(1 − cost·q_t) − 1. The first
-    purchase is not counted (q_0 = 0): it is the same for every investor who starts from cash.
+    trades q_{t+1} = Σ |w_{t+1} − drifted w_t| (bought plus sold); net return (1 + r_t)(1 − cost·q_t) − 1. The first purchase
+    does not count (q_0 = 0): it is the same for every investor who starts from cash.
 
     Args:
         weights: w_t, shape (T,U), published before the return of row t is known.
@@ -160,7 +160,7 @@ def track_portfolios(
     gross = (held * moves).sum(axis=1)
     grown = held * (1.0 + moves)
     wealth = grown.sum(axis=1, keepdims=True)
-    # After a total loss there is nothing to drift and nothing to trade.
+    # After a total loss there is no wealth to drift or trade.
     drifted = np.divide(grown, wealth, out=held.copy(), where=wealth > 0)
     traded = np.concatenate([[0.0], np.abs(held[1:] - drifted[:-1]).sum(axis=1)])
     return Performance(gross, (1.0 + gross) * (1.0 - rate * traded) - 1.0, traded, base, frequency)
@@ -195,8 +195,8 @@ def sharpe_difference(
     Formula: Δ ± q s(Δ), q the `level` quantile of |Δ* − Δ|/s(Δ*) over samples made of blocks of b neighbouring rows
     of both series, and s by the delta method: with g_t the influence of row t on Δ, s² is the mean square of the sums
     of g over blocks of b rows, divided by b T (for the data over all circular blocks, which is the Bartlett kernel;
-    for a sample over the blocks drawn). So neither fat tails nor correlation, of the two series or in time up to b
-    rows, are assumed away.
+    for a sample over the blocks drawn). The interval is therefore valid under fat tails and under correlation, of the two
+    series and in time up to b rows.
 
     Args:
         first: Excess returns, shape (T,).
@@ -247,10 +247,10 @@ def sharpe_difference(
 
 
 def _influence(series: Array) -> tuple[Array, Array]:
-    """Δ of pairs of series (2,N,T) with divisor T, shape (N,), and the influence of every row on it, shape (N,T)."""
+    """Return Δ of pairs of series (2,N,T) with divisor T, shape (N,), and the influence of every row on it, (N,T)."""
     mean = series.mean(axis=2, keepdims=True)
     spread = series.std(axis=2, keepdims=True)
-    # Not a number where a series does not vary; the caller counts such samples.
+    # NaN where a series does not vary; the caller counts such samples.
     with np.errstate(divide="ignore", invalid="ignore"):
         score = (series - mean) / spread
         ratio = mean / spread

@@ -1,4 +1,4 @@
-"""What to publish instead: for each belief the most private affordable weights, and the lottery over weights."""
+"""The most private affordable weights for each belief, and the lottery over weights."""
 
 from __future__ import annotations
 
@@ -32,30 +32,29 @@ from inscrutable.privacy import DesiredObfuscation, PrivacyMeasure
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 
-PARTS = 3  # of the work: CDM, PDM, and the set of the budget-aware observer
+PARTS = 3  # parts of the work: CDM, PDM, and the set of the budget-aware observer
 
 
 @dataclass(frozen=True, eq=False)
 class Protection:
-    """Weights to publish instead of the optimal ones, what they cost, and what an observer concludes from them.
+    """Weights to publish instead of the optimal ones, their regret, and an observer's inference from them.
 
     Args:
         model: The investor.
         index: Labels of the rows, T of them.
         beliefs: The investor's own beliefs π, shape (T,X).
         optimal: u*(π), the optimal weights, shape (T,U).
-        optimal_sets: Π(u*), the beliefs that these would reveal.
-        budget: What may be spent, per row.
-        measure: The privacy that was maximised.
+        optimal_sets: Π(u*), the beliefs consistent with these.
+        budget: The budget per row.
+        measure: The privacy measure Ψ.
         deterministic: The most private affordable weights (CDM).
         lotteries: The lotteries of largest expected privacy (PDM).
         drawn: One draw of each lottery.
-        aware_bounds: What the budget-aware observer concludes, who knows the regret that was allowed in that row, from the
-            CDM's weights: least and greatest probability of each regime with ρ(π',ū) within it, shape (T,X,2); π is always
-            inside.
-        planned: How the planned weights were read, where the beliefs came from weights; else None.
-        certified: The relative gap that a proof was asked for, or None; `deterministic.privacy_bound` and
-            `lotteries.privacy_bound` are then proven.
+        aware_bounds: Bounds of the budget-aware observer, who knows the regret allowed in that row, from the CDM's weights:
+            least and greatest probability of each regime with ρ(π',ū) within it, shape (T,X,2); they contain π.
+        planned: The readings of the planned weights, if the beliefs came from weights; else None.
+        certified: The relative gap of the requested proof, or None; with a proof `deterministic.privacy_bound` and
+            `lotteries.privacy_bound` are valid bounds.
     """
 
     model: InvestorModel
@@ -76,7 +75,7 @@ class Protection:
         return len(self.beliefs)
 
     def summary(self) -> str:
-        """Return one sentence: privacy bought and paid, by weights and by lottery."""
+        """Return one sentence: privacy and regret of the weights and of the lottery."""
         scale = np.abs(self.deterministic.optimal_cost)
         spent = float(np.mean(self.deterministic.regret))
         lottery = float(np.mean(self.lotteries.expected_cost - self.lotteries.optimal_cost))
@@ -97,8 +96,8 @@ class Protection:
     def verdict(self) -> str:
         """Whether the beliefs are hidden from the naive observer, who takes the weights at face value.
 
-        An observer who sees no weights guesses the long-run law of the model's regimes, and names its likeliest. Empty where
-        the regimes have no unique long-run law.
+        An observer without weights estimates the stationary law of the model's regimes, and names its likeliest regime. The
+        text is empty where that law is not unique.
         """
         world = self.model.world
         try:
@@ -132,7 +131,7 @@ class Protection:
 
 
 def privacy_text(measure: PrivacyMeasure, privacy: float, digits: int) -> str:
-    """Return a privacy as text: a number, or for a goal whether it is met."""
+    """Return a privacy as text: a number, or for an indicator whether the goal is met."""
     return f"{privacy:.{digits}f}" if not measure.is_indicator else "met" if privacy == 0.0 else "missed"
 
 
@@ -157,14 +156,13 @@ def protect(
 
     Args:
         model: The investor.
-        beliefs: π, shape (X,) or (T,X); a frame's columns are the model's regimes, its index labels the rows. Planned
-            weights as `attack_weights` read them stand for the beliefs that it estimates.
+        beliefs: π, shape (X,) or (T,X); a frame's columns are the model's regimes, its index labels the rows. An `Attack` on
+            planned weights gives the beliefs that it estimates.
         budget: A share of |c*|, or a `Budget`; None is the model's.
         measure: The privacy measure Ψ; None is maximal obfuscation.
-        certify: The relative gap of a proof that nothing affordable is more private, such as 0.01, for up to about five
-            regimes; None asks for no proof.
-        rng: Source of the draws; None is the entropy of the operating system, because a rival who knows the seed
-            knows the draw.
+        certify: The relative gap of a proof that no affordable weights are more private, such as 0.01, for up to about five
+            regimes; None: no proof.
+        rng: Source of the draws; None: the operating system's entropy, because an observer who knows the seed knows the draw.
         progress: Called with (steps done, steps in all).
 
     Returns:
@@ -174,7 +172,7 @@ def protect(
         InputError: The beliefs are not on the simplex, have other regimes than the model, or an argument is malformed;
             `certify` with another measure than maximal or desired obfuscation.
 
-    Cost: about 0.3 s a belief, after a second for the candidates; a proof takes as long again or some seconds. Source:
+    Cost: about 0.3 s per belief, plus 1 s for the candidates; a proof takes another 0.3 s to some seconds. Source:
     the paper, Approaches 1 and 2.
 
     Example:
@@ -196,7 +194,7 @@ def protect(
     planned = beliefs if isinstance(beliefs, Attack) else None
     held, index = _beliefs_of(model, beliefs)
     _check_target(goal, held)
-    done = 0 if planned is None else 1  # the reading of the weights
+    done = 0 if planned is None else 1  # progress of the attack on the weights
     watch = [part_of(progress, done + number, done + PARTS) for number in range(PARTS)]
     chooser = CounterAdversarialDecisionMaker(problem, goal, limit, method=method)
     deterministic = chooser.decide_many(held, progress=watch[0])
@@ -225,7 +223,7 @@ def protect(
 
 
 def _check_target(measure: PrivacyMeasure, beliefs: Array) -> None:
-    """Find a target that does not fit before the candidates are solved."""
+    """Raise the error of an invalid target before the candidates are solved."""
     if isinstance(measure, DesiredObfuscation):
         for step, belief in enumerate(beliefs):
             measure.at_step(step).reference(belief)

@@ -1,5 +1,4 @@
-"""One step of a sequence of decisions that is kept in a file: what to publish against an observer who remembers all earlier
-decisions."""
+"""One step of a sequence of decisions stored in a file, against an observer who remembers all earlier decisions."""
 
 from __future__ import annotations
 
@@ -21,30 +20,30 @@ from inscrutable.mechanisms.chains import BeliefChain, predicted_chain
 from inscrutable.validation import Array
 
 _CHAIN_SEED = 0
-"""Of the simulated path that says how beliefs move: the same at every step, and no secret."""
+"""Seed of the simulated path for the chain of beliefs: the same at every step, and public."""
 _LEAST_SHOWN = 0.0005  # a weight below this is 0.0 per cent
 
 
 @dataclass(frozen=True, eq=False)
 class ProtectedStep:
-    """The lottery of the sequential rule, the observer's estimate, and what was published, if anything was.
+    """The lottery of the sequential rule, the observer's estimate, and the published weights, if any.
 
     Args:
         model: The investor.
         belief: The investor's own belief, shape (X,).
-        lottery: What to draw from; weights that are drawn seldom come last.
+        lottery: The lottery; improbable weights come last.
         before: The observer's mean belief before this decision, shape (X,).
-        after: The same after the published decision; None where nothing was published.
-        expected: Regret and leakage of this step on average.
+        after: The observer's mean belief after the published decision; None if nothing was published.
+        expected: Expected regret and leakage of this step.
         published: The weights that were drawn and recorded, shape (U,), or None.
         latest: The weights recorded last, by this step or an earlier one, shape (U,), or None.
-        is_off_grid: Whether the belief is not on the grid, and so not in the observer's law.
-        is_approximate: Whether the observer's law takes `published` for the nearest weights that the rule could have played.
+        is_off_grid: Whether the belief is not on the grid, and therefore not in the observer's law.
+        is_approximate: Whether the observer's law replaces `published` by the nearest weights that the rule could have played.
         n_published: Decisions recorded, this one included.
         spent: Regret of all recorded decisions, by the observer's law, in the cost's unit.
-        told: Bits that they leaked, by the observer's law.
-        prior_error: Root mean square error of an observer who sees no decision.
-        long_run_error: The same in the long run, given all decisions.
+        told: Bits leaked by all recorded decisions, by the observer's law.
+        prior_error: Root mean square error of an observer without decisions.
+        long_run_error: Root mean square error in the long run, given all decisions.
         ceiling: An upper bound of every rule's long-run error, on the grid and these candidates.
         n_beliefs: Beliefs of the grid.
     """
@@ -68,7 +67,7 @@ class ProtectedStep:
     n_beliefs: int
 
     def table(self) -> pd.DataFrame:
-        """Return one row per portfolio of the lottery, the likeliest first: its probability, its regret, its weights."""
+        """Return one row per portfolio of the lottery, the likeliest first: probability, regret and weights."""
         order = np.argsort(-self.lottery.probabilities, kind="stable")
         columns = [f"weight: {asset}" for asset in self.model.assets]
         weights = pd.DataFrame(np.asarray(self.lottery.actions)[order], columns=columns)
@@ -102,7 +101,7 @@ class ProtectedStep:
         }
 
     def lines(self) -> pd.DataFrame:
-        """Return the same as text for a screen; weights and probabilities in percent, what is zero left out."""
+        """Return the table as text for a terminal; weights and probabilities in percent, zeros left out."""
         table = self.table()
         held = table.filter(like="weight: ").to_numpy()
         return pd.DataFrame(
@@ -124,7 +123,7 @@ class ProtectedStep:
         return ", ".join(f"{asset} {share:.6f}" for asset, share in zip(self.model.assets, weights, strict=True))
 
     def summary(self) -> str:
-        """Return a few sentences: cost, the observer's estimate, and what was published."""
+        """Return a few sentences: regret, the observer's estimate, and the published weights."""
         lines = [
             f"This step costs {self.expected.own_regret:.3g} of regret in expectation under your belief, "
             f"{self.expected.regret:.3g} by the observer's law, and gives away {self.expected.bits:.3f} bits on average.",
@@ -162,7 +161,7 @@ def _counted(count: int) -> str:
 
 
 def chain_of(model: InvestorModel) -> BeliefChain:
-    """Return how the investor's belief about the next row moves, on a grid; the same at every call."""
+    """Return the chain of the investor's belief about the next row, on a grid; the same at every call."""
     return predicted_chain(model.world, resolution_for(model.world.n_states), rng=np.random.default_rng(_CHAIN_SEED))
 
 
@@ -175,24 +174,24 @@ def protect_step(
     publish: bool = False,
     rng: np.random.Generator | None = None,
 ) -> ProtectedStep:
-    """Return what to publish at the next step of a sequence that is remembered in a file.
+    """Return the next step of a sequence of decisions stored in a file.
 
-    The rule is `SequentialDecisionMaker` on the law of the predicted belief of the model's world. Where there is no file its
-    prices are found first, and kept in it.
+    The rule is `SequentialDecisionMaker` on the law of the predicted belief of the model's world. Without a file, its prices
+    are computed first and stored in a new one.
 
     Args:
         model: The investor.
         belief: π, shape (X,).
-        state: The file of the sequence; it is made where there is none.
+        state: The file of the sequence, created if missing.
         budget: Long-run mean regret; None is the model's.
-        publish: Whether to draw once, record what was drawn, and return it; otherwise nothing is drawn.
-        rng: The source of the draw; None: the operating system, because the seed determines the draw.
+        publish: Whether to draw once, record the draw and return it; otherwise nothing is drawn.
+        rng: The source of the draw; None: the operating system's entropy, because a known seed reveals the draw.
 
     Raises:
         InputError: An argument is malformed, the file is damaged or of another problem or budget, or in use; it is unchanged.
         SolverError: No price was found at which the budget is met.
 
-    Cost: some milliseconds, and the calibration of up to a minute where the file is new.
+    Cost: some milliseconds, plus a calibration of up to a minute for a new file.
 
     Source: see `SequentialDecisionMaker`.
 

@@ -1,4 +1,4 @@
-"""The paper's "randomly generated three-regime portfolio allocation scenario", with everything it leaves open stated."""
+"""The paper's "randomly generated three-regime portfolio allocation scenario", with all unspecified choices documented."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, GaussianEmission, HiddenMarkovModel
 
 WARM_UP = 10
-"""Steps filtered before the first belief is used, so that it does not hang on the prior."""
+"""Burn-in steps before the first belief, so that it does not depend on the prior."""
 
 _MOST_DRAWS = 1000
 
 
 class MarketLaw(Section):
-    """How a random market is drawn; the paper names none of these, so each is a default that a study can change.
+    """The law of random markets; the paper states none of these numbers, so each is a default that a study can change.
 
     Formulas: μ_ij ~ Uniform(means); Σ_i = D_i R_i D_i with standard deviations on D_i's diagonal ~ Uniform(volatilities)
     and R_i the correlations of U + 3 standard normal vectors; P_ii = persistence, the rest of the row by a flat
@@ -33,14 +33,14 @@ class MarketLaw(Section):
     Args:
         regimes: X, at least 2.
         assets: U, at least 2.
-        means: Lowest and highest mean return μ_ij, per period (say a month) as a fraction.
+        means: Lowest and highest mean return μ_ij, per period (such as a month), as a fraction.
         volatilities: Lowest and highest standard deviation of a return, per period as a fraction, above 0.
         risk_aversion: γ of γ u'Σu − μ'u, above 0.
         persistence: P_ii, in (0, 1].
-        sensor: What the agent observes of the regime: "categorical" is one of X symbols, one named after each regime;
-            "gaussian" the assets' returns of the period, drawn from N(μ_i, Σ_i).
-        accuracy: Probability that the categorical sensor reports the true regime's symbol, in (0, 1]; what is left
-            goes to the other symbols by a flat Dirichlet draw.
+        sensor: The agent's sensor: "categorical" reports one of X symbols, one per regime; "gaussian" reports the assets'
+            returns of the period, drawn from N(μ_i, Σ_i).
+        accuracy: Probability that the categorical sensor reports the true regime's symbol, in (0, 1]; a flat Dirichlet draw
+            divides the rest among the other symbols.
 
     Raises:
         InputError: A number is out of its range, or the sensor unknown.
@@ -60,7 +60,7 @@ class MarketLaw(Section):
 
 @dataclass(frozen=True, eq=False)
 class Market:
-    """A world and the investor's problem in it: the same regimes drive both."""
+    """A world and the investor's problem, with the same regimes."""
 
     world: HiddenMarkovModel
     problem: MarkowitzProblem
@@ -76,8 +76,8 @@ def random_market(law: MarketLaw | None = None, *, rng: np.random.Generator) -> 
     """Return one market drawn from a law.
 
     Args:
-        law: How to draw; None is `MarketLaw()`.
-        rng: The only source of randomness.
+        law: The law; None is `MarketLaw()`.
+        rng: Source of the draws.
 
     Returns:
         A `Market` whose optimal cost is above 0 for every belief.
@@ -86,7 +86,7 @@ def random_market(law: MarketLaw | None = None, *, rng: np.random.Generator) -> 
         InputError: `rng` is not a generator.
         ModelError: A thousand draws of one regime all had V(e_i) <= 0: the means are too high for the risk.
 
-    Cost: a forward solve per regime drawn. Source: the paper, Section V-A.
+    Cost: one forward solve per drawn regime. Source: the paper, Section V-A.
 
     Example:
         >>> market = random_market(rng=np.random.default_rng(0))

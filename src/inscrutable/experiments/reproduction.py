@@ -1,4 +1,4 @@
-"""The numerical section of the paper, twice: its own way, and with the global CDM and decoys; and its claims judged."""
+"""The paper's numerical section in two variants, with its own solvers and with global ones, and the verdict on its claims."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Reproduction:
 
     Args:
         settings: What was asked for.
-        market: The market that is drawn.
+        market: The market of the figures.
         beliefs: Its private beliefs, shape (T,X).
         step: The timestep of the action and belief pictures.
         episodes: `VariantEpisode` by variant: "paper" and "global".
@@ -79,24 +79,23 @@ def reproduce(
 ) -> Reproduction:
     """Return every result of the paper's numerical section and each of its claims, judged over seeded random markets.
 
-    The markets are a study, one task each, and its settings are what its file may hold.
+    The markets are the tasks of a study.
 
     Args:
-        settings: What to do; None is `ReproductionSettings()`.
-        jobs: Processes; −1 is one per core. Changes nothing but the time.
-        folder: Where the study's rows are kept while it runs, so that a run that was stopped is gone on with; None keeps
-            nothing.
-        again: Whether a finished run in the folder is done anew; otherwise its rows are taken.
+        settings: The settings; None is `ReproductionSettings()`.
+        jobs: Processes; −1 is one per core. It affects the time only.
+        folder: Folder of the study's rows, from which a stopped run resumes; None stores nothing.
+        again: Whether to repeat a finished run in the folder; otherwise its rows are used.
         progress: Called with (parts done, parts in all).
 
     Returns:
-        A `Reproduction`, the same for the same settings whatever the number of jobs.
+        A `Reproduction`; equal settings give equal results for any number of jobs.
 
     Raises:
         InputError: The folder cannot be written to, is in use, or holds another study.
         ModelError: The law admits no market with positive optimal costs.
 
-    Cost: about a tenth of a second of one core per market, a third of it in the paper's local solver.
+    Cost: about 0.1 s of one core per market, a third of it in the paper's local solver.
     Source: the paper, Section V.
 
     Example:
@@ -107,14 +106,14 @@ def reproduce(
     """
     chosen = ReproductionSettings() if settings is None else settings
     with ThreadPoolExecutor(1) as beside:
-        # Where there are processes, the market of the figures is done while they work.
+        # With several processes, this one computes the market of the figures meanwhile.
         drawn = None if jobs == 1 else beside.submit(_drawn_market, chosen)
         rows, _ = all_rows(Study.of(chosen), folder, jobs=jobs, again=again, progress=progress)
         return _judged(chosen, rows, _drawn_market(chosen) if drawn is None else drawn.result())
 
 
 def reproduction_of(study: Study) -> Reproduction:
-    """Return the reproduction that a finished study of its kind holds; the market of the figures is drawn again.
+    """Return the reproduction of a finished study of its kind; the market of the figures is computed again.
 
     Raises:
         InputError: The study is of another kind, was not run, or is not finished.
@@ -138,7 +137,7 @@ def _drawn_market(settings: ReproductionSettings) -> Walk:
 
 
 def _telling_step(episode: Episode) -> int:
-    """Where the CDM hides best among the steps at which the PDM mixes several decisions that all hide the belief."""
+    """Return the step of largest CDM privacy among those at which the PDM mixes several decisions that all hide the belief."""
     lotteries = episode.records["PDM"].lotteries
     hidden = episode.records["CDM"].decisions.privacy.copy()
     for step in range(len(hidden)):

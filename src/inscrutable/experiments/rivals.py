@@ -1,5 +1,4 @@
-"""A rival's decision problem, as a section of a file: the agent's own problem, a portfolio of its own, a choice, a state's
-name."""
+"""A rival's decision problem as a section of a file: the agent's own, another portfolio, a finite choice, a state's name."""
 
 from __future__ import annotations
 
@@ -34,7 +33,7 @@ class OwnRival(Section):
 
 
 class MarkowitzRival(Section):
-    """A portfolio of the same assets in the same regimes, with a risk aversion and limits of its own."""
+    """A portfolio of the same assets in the same regimes, with the rival's risk aversion and limits."""
 
     kind: Literal["markowitz"]
     risk_aversion: Positive = 5.0
@@ -43,20 +42,20 @@ class MarkowitzRival(Section):
 
 
 class FiniteRival(Section):
-    """One of several choices, such as a wager on the regime: a row of costs for every regime."""
+    """A finite choice, such as a wager on the regime: one row of costs per regime."""
 
     kind: Literal["finite"]
     costs: Matrix
 
 
 class NamingRival(Section):
-    """The name of the regime, at cost 1 where it is wrong."""
+    """The name of the regime; a wrong name costs 1."""
 
     kind: Literal["naming"]
 
 
 def markowitz_unless_told(value: Any) -> Any:
-    """Return a section that names no kind as that of a portfolio."""
+    """Return a section without a kind as a portfolio section."""
     return {"kind": "markowitz", **value} if isinstance(value, dict) else value
 
 
@@ -68,7 +67,7 @@ RIVAL: TypeAdapter[Any] = TypeAdapter(Rival)
 
 
 def read_rival(path: Path) -> Any:
-    """Return the rival of a TOML file: the section `[problem]` as in a study file, or one of a kind that rivals have alone.
+    """Return the rival of a TOML file: the section `[problem]` as in a study file, or of a kind for rivals only.
 
     Raises:
         InputError: The file cannot be read, is not TOML, or holds anything else.
@@ -83,10 +82,10 @@ def read_rival(path: Path) -> Any:
 
 
 def loss_of(rival: Any, problem: DecisionProblem) -> Loss:
-    """Return what a rival loses, in the regimes of the agent's problem.
+    """Return a rival's loss, in the regimes of the agent's problem.
 
     Raises:
-        InputError: Its costs are no table, are for another number of regimes, or it needs returns that the agent has not.
+        InputError: Its costs are no table, the number of regimes differs, or it needs returns and the agent's problem has none.
     """
     if isinstance(rival, NamingRival):
         return NamingError()
@@ -103,7 +102,7 @@ def loss_of(rival: Any, problem: DecisionProblem) -> Loss:
 
 
 def is_own(loss: Loss | None, problem: DecisionProblem) -> bool:
-    """Whether a rival has the agent's own problem: then copying cannot be prevented."""
+    """Whether a rival has the agent's own problem; it can then always copy."""
     if not isinstance(loss, RivalProblem):
         return False
     other = loss.problem
@@ -125,7 +124,7 @@ def _numbers(problem: MarkowitzProblem) -> list[Any]:
 
 
 def wanting(setting: Setting, rival: Any) -> Setting:
-    """Return a setting with a rival's problem; the same without one."""
+    """Return a setting with a rival's problem; without a rival the setting itself."""
     return setting if rival is None else replace(setting, loss=loss_of(rival, setting.problem))
 
 

@@ -1,4 +1,4 @@
-"""What settings are made of, in files and in Python alike: sections whose keys are checked once, when one is made."""
+"""Sections of settings, for files and Python: their keys are checked at construction."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LONGEST = 60
 
 
 def _listed(value: Any) -> Any:
-    """A list as a tuple, and anything else as a tuple of one."""
+    """Return a list as a tuple, and any other value as a tuple of one."""
     return tuple(value) if isinstance(value, list) else value if isinstance(value, tuple) else (value,)
 
 
@@ -33,7 +33,7 @@ def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
 
 
 def rising(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return numbers that rise, or raise `ValueError`."""
+    """Return ascending numbers, or raise `ValueError`."""
     if any(later <= earlier for earlier, later in pairwise(values)):
         raise ValueError("should be numbers that rise")
     return values
@@ -59,7 +59,7 @@ Matrix = list[list[float]]
 
 
 class Section(BaseModel):
-    """Part of a setting: no key but the known ones, and no text where a number belongs."""
+    """A section of settings: unknown keys and values of the wrong type are errors."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
 
@@ -70,22 +70,22 @@ class Section(BaseModel):
         except ValidationError as error:
             raise InputError(first_mistake(error)) from None
 
-    # What is read from a file keeps pydantic's own errors, from which the reader says file, line and key.
+    # Values from a file keep pydantic's own errors, from which the reader names file, line and key.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
 
 def first_mistake(error: ValidationError) -> str:
-    """Return what is wrong, and where, in one line."""
+    """Return the first error and its place as one line."""
     first, *others = error.errors(include_url=False)
     more = f" (and {len(others)} more)" if others else ""
     where = ".".join(map(str, first["loc"]))
-    if not where:  # of several keys together: the message has its own numbers
+    if not where:  # a check of several keys: the message has its own numbers
         return f"{expected(first)}{more}"
     return f"{where}: {expected(first)}, got {shortened(first['input'])}{more}"
 
 
 def expected(problem: Any) -> str:
-    """Return what was expected of a value, from one of pydantic's errors."""
+    """Return the expectation for a value, from one of pydantic's errors."""
     kind, context = problem["type"], problem.get("ctx", {})
     if kind in ("too_short", "too_long"):
         bound, number = ("least", context["min_length"]) if kind == "too_short" else ("most", context["max_length"])
@@ -111,7 +111,7 @@ def shortened(value: Any) -> str:
 
 
 class PlanFile(Section):
-    """What every kind of study says of itself."""
+    """The keys of every kind of study."""
 
     name: Annotated[str, Field(min_length=1)]
     note: str = ""

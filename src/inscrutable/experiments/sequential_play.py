@@ -1,13 +1,11 @@
-"""The sequential rule in an experiment: its long-run mechanism, and the error of observers who follow it.
+"""The sequential rule in an experiment: its long-run mechanism, and the aware observer's error over time.
 
-Its decisions depend on the observer's law, so that no table K(u|π) describes it. It is simulated: at every step the
-observer knows K_t, and its law of the belief is followed exactly, so that chance is left in paths and decisions alone. In the
-long run the rule amounts to K̄(u|π) = E[K_t(u|π) | π_t = π], which an observer of a single decision, and of none before it,
-knows.
+Its decisions depend on the observer's law, so no single table K(u|π) describes it, and it is simulated. At every step the
+observer knows K_t and updates its law of the belief exactly; only paths and decisions are random. The long-run mechanism is
+K̄(u|π) = E[K_t(u|π) | π_t = π], which an observer of a single decision, without earlier ones, knows.
 
-The observer always knows how the belief really moves. The rule may be wrong about it: `truth` is then another chain than its
-own. Where decisions are disclosed late, in part or not all, the rule goes by that: K̄ is then of the steps whose decisions are
-shown, and so many repeated decisions are so many shown.
+The observer always knows the true chain of the belief. The rule may assume another one: `truth` then differs from its own
+chain. With a disclosure, K̄ is the mean over the disclosed steps, and numbers of repeated decisions count disclosed ones.
 """
 
 from __future__ import annotations
@@ -31,25 +29,25 @@ from inscrutable.privacy import Loss, SquaredError
 from inscrutable.validation import Array
 
 WATCHED_FIRST = 20
-"""Steps after which errors count, so that they are long-run errors."""
+"""Burn-in steps, after which errors count as long-run errors."""
 
 LONG_PATHS = (10, 60)
-"""Paths, and steps of each, from which long-run figures come: every step is a programme of some 10 ms."""
+"""Number of paths and of steps per path for long-run figures; every step solves a programme of about 10 ms."""
 
 OTHER_PATHS = (5, 60)
-"""The same where the belief moves otherwise than the rule takes it to."""
+"""The same numbers where the true chain differs from the rule's."""
 
 STILL_PATHS = 12
-"""Paths on which the belief stays; each is as long as the largest number of repeated decisions."""
+"""Number of paths with a constant belief; each has the largest number of repeated decisions."""
 
 
 class _Figures(NamedTuple):
-    """Figures of an observer who follows the rule, on D paths at T steps, each (T,D)."""
+    """Figures of the aware observer over time, on D paths at T steps, each (T,D)."""
 
     squared: Array  # E‖π_t − E[π_t|u_0..u_t]‖², as expected by the observer
-    named: Array  # chance of naming a most likely state
+    named: Array  # probability of naming a most likely state
     bits: Array  # I(π_t; u_t | u_0..u_{t−1})
-    regret: Array  # of the belief that is really held, expected over the draw
+    regret: Array  # regret of the true belief, expected over the draw
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +70,12 @@ class SequentialPlay:
 
     @property
     def mechanism(self) -> Mechanism:
-        """K̄, what it plays in the long run."""
+        """K̄, the long-run mechanism."""
         return self._long_run[1]
 
     @property
     def regret(self) -> float:
-        """The expected regret in the long run, as the calibration found it."""
+        """The expected regret in the long run, from the calibration."""
         return self.maker.calibration.regret
 
     @cached_property
@@ -100,9 +98,10 @@ class SequentialPlay:
         )
 
     def _error(self, squared: Array) -> tuple[float, float, float]:
-        """The error of the aware observer, its standard error and its ceiling, from square errors on D paths.
+        """Return the aware observer's error, its standard error and its ceiling, from squared errors on D paths.
 
-        Where the rule hides the belief itself, its calibration simulated the same observer for much longer.
+        Where the rule's loss is the squared error, its calibration simulated the same observer for much longer and gives the
+        error.
         """
         if not isinstance(self.maker.loss, SquaredError):
             error = float(np.sqrt(squared.mean()))
@@ -113,9 +112,9 @@ class SequentialPlay:
         return error, spread / (2.0 * error) if error > 0 else 0.0, ceiling
 
     def repeated(self, steps: tuple[int, ...], *, told: bool) -> Repeated:
-        """Return the errors on one belief that the observer knows to stay; `told`: the rule knows it too.
+        """Return the errors on one belief that the observer knows to be constant; `told`: the rule knows it too.
 
-        Prices are those of the long run either way, so that the regret of a rule that is told is its own.
+        Prices are the long-run ones in both cases, so the regret with `told` differs.
         """
         prior = self.setting.prior
         still = resting_chain(prior, 1.0)
@@ -124,8 +123,8 @@ class SequentialPlay:
         made = schedule.offset + (np.array(steps) - 1) * schedule.period
         at = made + schedule.lag  # when they are seen
         found, _ = self._followed(maker, still, (STILL_PATHS, int(at[-1]) + 1))
-        # The error after the first decision is known, and paths say how much it falls from there. A slope fitted to a dozen
-        # paths in place of one would depend on the draw.
+        # Control variate: the error after the first decision is known exactly, and paths give the decrease from there. A fitted
+        # coefficient instead of one would depend on the draw.
         since, before = found.squared[at], 0.0
         if schedule.is_immediate and isinstance(maker.loss, SquaredError):
             since, before = since - found.squared[0], maker.begin().expected.loss
@@ -140,13 +139,13 @@ class SequentialPlay:
         )
 
     def published(self, path: np.ndarray) -> Array:
-        """Return decisions (T,U) along a path of beliefs, given as places (T,) in the prior."""
+        """Return decisions (T,U) along a path of beliefs, given as indices (T,) into the prior."""
         problem = self.setting.problem
         played = self.maker.decide_path(self.setting.prior.beliefs[path], rng=self.seed())
         return np.asarray(problem.as_points(played.actions))
 
     def _knowing(self, chain: BeliefChain) -> SequentialDecisionMaker:
-        """The rule at the same prices where it takes another chain for true."""
+        """Return the rule at the same prices that assumes another chain."""
         maker = self.maker
         return SequentialDecisionMaker(
             maker.problem,
@@ -163,7 +162,7 @@ class SequentialPlay:
     def _followed(
         self, maker: SequentialDecisionMaker, truth: BeliefChain, size: tuple[int, int]
     ) -> tuple[_Figures, Mechanism]:
-        """Simulate paths of a belief that moves by `truth`, and what is played on average under each belief."""
+        """Simulate paths of a belief with the chain `truth`, and return the average mechanism under each belief."""
         prior, rng = self.setting.prior, self.seed()
         n_paths, n_steps = size
         places = truth.paths(n_steps, n_paths, rng=rng)
@@ -184,7 +183,7 @@ class SequentialPlay:
                     seen = seen + law
                     weighed[:, step.numbers] += joint
                 own, columns = step.rows[place], values.cheapest[place, step.numbers]
-                order = np.argsort(columns)  # in the order of the decisions, whatever values they are shown as
+                order = np.argsort(columns)  # in the order of the decisions, not of the disclosed values
                 drawn = order[rng.choice(len(own), p=own[order] / own.sum())]
                 found[3, t, d] = own @ values.regrets[place, step.numbers]
                 found[2, t, d] = 0.0
@@ -208,7 +207,7 @@ class SequentialPlay:
 def sequential(
     setting: Setting, regret: float, seed: Seed, information_price: float | None, loss: Loss | None = None
 ) -> Behaviour | None:
-    """Return what the sequential rule does that spends an expected regret in the long run; None where no chain is known."""
+    """Return the behaviour of the sequential rule at an expected long-run regret; None without a chain."""
     if setting.chain is None:
         return None
     if regret <= 0.0:
@@ -243,14 +242,14 @@ def _information(rows: Array, joint: Array) -> float:
 
 
 def _as_decisions(table: StepTable, joint: Array) -> Any:
-    """The joint law (B,M) of belief and decision, from the one of belief and value (B,C)."""
+    """Return the joint law (B,M) of belief and decision, from that of belief and disclosed value (B,C)."""
     rows, values = np.nonzero(joint > 0)
     entries = joint[rows, values], (rows, table.cheapest[rows, values])
     return sparse.csr_array(sparse.coo_array(entries, shape=(len(joint), len(table.columns))))
 
 
 def _averaged(last: Mechanism, weighed: Any, seen: Array) -> Mechanism:
-    """K̄ on the beliefs, as the simulated laws weigh the steps; a belief that none of them had plays as in the last step."""
+    """Return K̄ on the beliefs, weighted by the simulated laws; a belief without weight plays as in the last step."""
     some = seen > 0
     scale = sparse.diags_array(np.divide(1.0, seen, out=np.zeros_like(seen), where=some))
     rest = sparse.diags_array((~some).astype(np.float64)) @ last.sparse

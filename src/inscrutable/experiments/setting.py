@@ -1,4 +1,4 @@
-"""What decision makers start from in an experiment, and the result of one: a mechanism, with its regret and its guarantee."""
+"""The setting of decision makers in an experiment, and a decision maker's behaviour: mechanism, regret and guarantee."""
 
 from __future__ import annotations
 
@@ -24,19 +24,18 @@ from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
 _CLEAR_OF_ZERO = 0.01
-"""Least |c*| as a share of its mean from which a share of |c*| is a budget at every belief."""
+"""Least |c*|, as a share of its mean, at which shares of |c*| are used as budgets per belief."""
 
 Seed = Callable[[], np.random.Generator]
-"""Gives the same random stream at every call."""
+"""Function that returns the same random stream at every call."""
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A problem, the law of the private belief, decisions to choose from, and how the belief moves where that is known.
+    """A problem, the law of the private belief, candidate decisions, and the chain of the belief where known.
 
-    `loss` is the rival's loss; None is the square error. `disclosure` is how decisions become public, for
-    rules that go by it. `read` gives the same chain with tables of what one reads who follows "market", or an asset by its
-    number.
+    `loss` is the rival's loss; None is the squared error. `disclosure` is how decisions become public, for rules that use it.
+    `read` returns the same chain with tables of the observations of "market", or of an asset by its number.
     """
 
     problem: DecisionProblem
@@ -50,7 +49,7 @@ class Setting:
 
     @classmethod
     def of(cls, problem: DecisionProblem, given: Prior | BeliefChain, candidates: Candidates | None = None) -> Setting:
-        """Return the setting of a prior or a chain; without candidates a grid of about as many decoys as beliefs."""
+        """Return the setting of a prior or a chain; the default candidates are a grid of about as many decoys as beliefs."""
         chain = given if isinstance(given, BeliefChain) else None
         n_states = checked_problem(problem).n_states
         prior = checked_prior(given if chain is None else chain.prior, n_states)
@@ -64,7 +63,7 @@ class Setting:
         return cls(problem, prior, candidates, chain)
 
     def once(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """Return what `make` gives, made once for a key."""
+        """Return the value of `make`, computed once per key."""
         if key not in self.kept:
             self.kept[key] = make()
         return self.kept[key]
@@ -86,7 +85,7 @@ class Setting:
 
     @cached_property
     def is_relative(self) -> bool:
-        """Whether budgets per belief are shares of |c*|: c* stays clear of zero wherever the prior has weight."""
+        """Whether budgets per belief are shares of |c*|: c* is far from zero wherever the prior has weight."""
         least = float(np.abs(self.optimal_costs[self.prior.weights > 0]).min())
         return least >= _CLEAR_OF_ZERO * self.mean_cost > 0
 
@@ -100,48 +99,48 @@ class Setting:
         return Budget.relative(amount / self.mean_cost) if self.is_relative else Budget.regret(amount)
 
     def budget_of(self, chosen: Mapping[str, Any]) -> Budget:
-        """Return the budget per belief that a study's section means by an amount and a unit."""
+        """Return the budget per belief of a study's amount and unit."""
         return Budget(self.unit(chosen["unit"]) * chosen["amount"], chosen["unit"] == "relative")
 
     def unit(self, name: str) -> float:
-        """Return what amounts are counted in, in the cost's unit; of one that is relative to |c*|, 1."""
+        """Return the unit of amounts, in the cost's unit; 1 for amounts relative to |c*|."""
         return {"silence": self.silence_regret, "cost": self.mean_cost}.get(name, 1.0)
 
     def mean_limit(self, budget: Budget) -> float:
-        """Return what a budget per belief allows on average, in the cost's unit."""
+        """Return the average limit of a budget per belief, in the cost's unit."""
         return float(self.prior.weights @ budget.limits(self.optimal_costs))
 
 
 def path_prior(beliefs: Array) -> Prior:
-    """Return the law of beliefs (T,X) of which each step weighs the same."""
+    """Return the law of beliefs (T,X) with equal weight for every step."""
     points, met = np.unique(beliefs, axis=0, return_counts=True)
     return Prior(points, met / met.sum())
 
 
 class Memory(Protocol):
-    """How the aware observer reads the decisions of a rule with a memory, and what the rule publishes along a path."""
+    """The aware observer's decoding of a rule with a memory, and the rule's decisions along a path."""
 
     @property
     def decided(self) -> tuple[Mechanism, int]:
-        """The mechanism that decisions come from once they are read, and of how many steps ago the belief behind them is."""
+        """The mechanism of decoded decisions, and the delay in steps of the belief behind them."""
 
     def __call__(self, n: int) -> Mechanism:
-        """Return what n decisions on one belief amount to, as a mechanism."""
+        """Return the mechanism of n decisions on one belief."""
 
     def published(self, path: np.ndarray) -> Array:
         """Return the decisions (T,U) along a path of beliefs, given as places (T,) in the prior."""
 
 
 class Watched(NamedTuple):
-    """The error of the aware observer over time; NaN where that is not known."""
+    """The error of the aware observer over time; NaN where it is not known."""
 
     error: float = float("nan")  # root mean square
     error_se: float = float("nan")
-    top_state: float = float("nan")  # how often that one names a most likely state
-    bits: float = float("nan")  # what a decision adds
+    top_state: float = float("nan")  # probability that it names a most likely state
+    bits: float = float("nan")  # information of one more decision
     bits_se: float = float("nan")
-    ceiling: float = float("nan")  # an error that no rule of the same regret exceeds
-    error_half: float = float("nan")  # where beliefs stay half as long as the rule takes them to
+    ceiling: float = float("nan")  # upper bound for every rule of the same regret
+    error_half: float = float("nan")  # where beliefs stay half as long as the rule assumes
     error_double: float = float("nan")  # where they stay twice as long
 
 
@@ -156,41 +155,41 @@ class Repeated(NamedTuple):
 
 
 class Play(Protocol):
-    """What a rule does whose mechanism changes with what the observer holds, as far as it was simulated."""
+    """The simulated behaviour of a rule whose mechanism depends on the observer's law."""
 
     @property
     def regret(self) -> float:
-        """The expected regret in the long run, in the cost's unit, of more steps than `mechanism` is averaged over."""
+        """The expected regret in the long run, in the cost's unit, from more steps than `mechanism`."""
 
     @property
     def watched(self) -> Watched:
         """The error of the aware observer over time."""
 
     def repeated(self, steps: tuple[int, ...], *, told: bool) -> Repeated:
-        """Return the leakage of decisions on one belief; `told`: the rule knows that it stays, as the observer does."""
+        """Return the leakage of decisions on one belief; `told`: the rule, like the observer, knows that it is constant."""
 
     def published(self, path: np.ndarray) -> Array:
         """Return the decisions (T,U) along a path of beliefs, given as places (T,) in the prior."""
 
 
 class Behaviour(NamedTuple):
-    """A mechanism that spends what was asked for, as nearly as it can, and what it promises of every single decision."""
+    """A mechanism calibrated to a regret, and its guarantee for every single decision."""
 
     mechanism: Mechanism
     promise: Budget | None = None
-    """The largest regret of any decision it makes; None where only an expectation is promised."""
+    """The largest regret of any decision; None where only an expectation is guaranteed."""
     memory: Memory | None = None
-    """How the aware observer reads it, where it has a memory; None: each decision is a draw of `mechanism`."""
+    """The aware observer's decoding of a rule with a memory; None: each decision is a draw of `mechanism`."""
     strength: float = float("nan")
-    """What was set so that the regret is spent: steps of a delay, the fraction traded; NaN for others."""
+    """The calibrated parameter: steps of a delay, or the fraction traded; NaN for others."""
     asked: float | None = None
-    """The expected regret asked for, in the cost's unit; None where none was."""
+    """The requested expected regret, in the cost's unit; None if none was requested."""
     play: Play | None = None
-    """What the rule does where its mechanism changes; `mechanism` is then that of the long run, for single decisions."""
+    """Simulation of a rule whose mechanism changes; `mechanism` is then the long-run one, for single decisions."""
 
 
 def behaviour_of(setting: Setting, decision_maker: PlaysMany, promise: Budget | None = None) -> Behaviour:
-    """Return what a decision maker does on the prior's beliefs; one that solved for the prior has its mechanism ready."""
+    """Return a decision maker's behaviour on the prior's beliefs; its own mechanism is used if it solved for the prior."""
     known = getattr(decision_maker, "mechanism", None)
     return Behaviour(
         known if isinstance(known, Mechanism) else mechanism(decision_maker, setting.prior.beliefs), promise
@@ -198,7 +197,7 @@ def behaviour_of(setting: Setting, decision_maker: PlaysMany, promise: Budget | 
 
 
 def scaled_to(setting: Setting, tried: Callable[[float], Behaviour], regret: float) -> Behaviour:
-    """Return the trial whose expected regret is the one asked for, or the nearest below it; it grows with the amount."""
+    """Return the trial whose expected regret equals `regret`, or is nearest below it; regret grows with the amount."""
     return spending(tried, lambda behaviour: spent(setting, behaviour), regret)
 
 

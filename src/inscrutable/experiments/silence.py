@@ -1,4 +1,4 @@
-"""Budgets as a share of the silence regret, where the law of the investor's belief is known."""
+"""Budgets as shares of the silence regret, given the law of the investor's belief."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.worlds import HiddenMarkovModel
 
 _SEED = 0
-"""Of the simulated path that says how often which belief is held."""
+"""Seed of the simulated path for the law of the belief."""
 
 
 def budget_in(world: HiddenMarkovModel, problem: DecisionProblem, budget: Budget | SilenceShare) -> Budget:
-    """Return a budget in the cost's unit or relative to it; a share of silence by the long-run law of the predicted belief.
+    """Return a budget; a share of the silence regret is converted by the stationary law of the predicted belief.
 
     Args:
-        world: How regimes and returns move.
-        problem: What decisions cost.
-        budget: What is asked for.
+        world: The world of regimes and returns.
+        problem: The decision problem.
+        budget: The requested budget.
 
-    Cost: a simulated path, a second, for a share of silence; else none.
+    Cost: 1 s for a simulated path, if the budget is a share of silence; otherwise none.
     """
     if isinstance(budget, Budget):
         return budget

@@ -1,4 +1,4 @@
-"""A portfolio that hides its belief as an estimator of scikit-learn's kind, for skfolio's walk-forward tests."""
+"""A portfolio that hides its belief, as a scikit-learn estimator for skfolio's walk-forward tests."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ except ImportError:
 class PrivatePortfolio(_Base):  # type: ignore[misc]
     """The most private affordable weights under regimes fitted to the returns, long only and fully invested.
 
-    Formula: fit: a Gaussian hidden Markov model of X, its filtered belief after the last row moved one step, and the decision
-    of `CounterAdversarialDecisionMaker` for it; a budget of 0 gives the optimal, open weights. predict, as of every estimator
-    of skfolio, holds them over later returns.
+    Formula: `fit` fits a Gaussian hidden Markov model to X, predicts the belief one step after the last row, and takes the
+    decision of `CounterAdversarialDecisionMaker` for it; a budget of 0 gives the optimal weights. `predict`, as in every
+    skfolio estimator, holds them over later returns.
 
     Args:
         regimes: Number of regimes, at least 1.
-        budget: What hiding may cost, a share of the optimal cost, at least 0.
+        budget: Budget for hiding, a share of the optimal cost, at least 0.
         risk_aversion: γ of c(i,u) = γ u'Σ_i u − μ_i'u; skfolio's and PyPortfolioOpt's δ with ½ is 2 γ.
-        restarts: Of the fit.
-        random_state: Seed of the restarts, a whole number: the same data give the same weights.
-        portfolio_params: As of any estimator of skfolio.
+        restarts: Number of starts of the fit.
+        random_state: Seed of the restarts, a whole number; the same data give the same weights.
+        portfolio_params: As in any skfolio estimator.
 
     Raises:
         InputError: skfolio is not installed, or at `fit` a parameter is out of range.

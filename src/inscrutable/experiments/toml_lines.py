@@ -1,6 +1,6 @@
-"""Reading TOML so that a message can name the line in which a key stands.
+"""Read TOML with the line of every key, for messages.
 
-The text is parsed first; then its marks are gone over once more and lines are counted.
+The text is parsed first; a second pass over its tokens counts lines.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ _TOKEN = re.compile(
 
 @dataclass(frozen=True)
 class TomlSource:
-    """Where a text comes from, and in which line of it each key stands."""
+    """The source of a text, and the line of each key."""
 
     name: str
     lines: Mapping[Place, int] = field(default_factory=dict)
 
     def at(self, place: Place) -> str:
-        """Say where a place is: file, line and key."""
+        """Return file, line and key of a place, as text."""
         for length in range(len(place), 0, -1):
             if place[:length] in self.lines:
                 return f"{self.name}, line {self.lines[place[:length]]}, key {key_text(place)}"
@@ -45,7 +45,7 @@ class TomlSource:
 
     @contextmanager
     def saying(self, place: Place) -> Iterator[None]:
-        """Say of what the library refuses where it stands."""
+        """Add file, line and key to the message of a library error."""
         try:
             yield
         except InscrutableError as error:
@@ -53,12 +53,12 @@ class TomlSource:
 
 
 def read_toml(path: Path, what: str, folder_hint: str = "") -> tuple[dict[str, Any], TomlSource]:
-    """Return the data of a TOML file and where its keys stand, or raise one `InputError`; `what` a file of this kind is.
+    """Return the data of a TOML file and the lines of its keys, or raise one `InputError`.
 
     Args:
         path: The file.
-        what: Such as "study".
-        folder_hint: What to say of a folder.
+        what: Kind of file in messages, such as "study".
+        folder_hint: Hint for a path that is a folder.
     """
     try:
         text = path.read_bytes().decode("utf-8-sig")
@@ -68,7 +68,7 @@ def read_toml(path: Path, what: str, folder_hint: str = "") -> tuple[dict[str, A
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not UTF-8 text: byte {error.start}; expected a {what} file in TOML") from None
-    if _DEEP.search(text):  # a parser takes hours for tens of thousands
+    if _DEEP.search(text):  # a parser takes hours for tens of thousands of parts
         raise InputError(f"{path} has a key of more than {_MOST_PARTS} parts joined by dots; no {what} has such")
     try:
         data = tomllib.loads(text)
@@ -113,15 +113,15 @@ def key_lines(text: str) -> dict[Place, int]:
 
 
 class _Places:
-    """Which places the tokens of a text open, one token after another."""
+    """Tracks the place that each token of a text opens."""
 
     def __init__(self) -> None:
         self.lines: dict[Place, int] = {}
-        self._tables: dict[Place, int] = {}  # how many an array of tables has
+        self._tables: dict[Place, int] = {}  # number of tables in an array of tables
         self._table: Place = ()
-        self._brackets = 0  # of a header, before its name
-        self._keys: Place = ()  # those before the next = or ]
-        self._value: Place | None = None  # what is given a value just now
+        self._brackets = 0  # brackets of a header, before its name
+        self._keys: Place = ()  # key parts before the next = or ]
+        self._value: Place | None = None  # the key that currently gets a value
         self._open: list[tuple[str, Place]] = []  # arrays and inline tables
         self._counts: list[int] = []  # commas in each
 
@@ -163,7 +163,7 @@ class _Places:
         return []
 
     def _header(self) -> list[Place]:
-        """What a [table] or [[array of tables]] opens; on the way the latest table, wherever there is an array of them."""
+        """Return the place that a [table] or [[array of tables]] opens; an array of tables means its latest table."""
         places: list[Place] = []
         place: Place = ()
         for key in self._keys:

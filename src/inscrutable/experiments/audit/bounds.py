@@ -10,11 +10,11 @@ from inscrutable.validation import Array
 _REPLICATES = 999
 _LEAST_BLOCKS = 10
 _QUIET_LAGS = 5
-"""So many autocorrelations in a row that are no larger than chance end the memory of a series."""
+"""Number of successive insignificant autocorrelations that end the memory of a series."""
 
 
 def memory(series: Array) -> int:
-    """Return the lag after which autocorrelations are no larger than chance, at least 0.
+    """Return the lag after which autocorrelations are insignificant, at least 0.
 
     Formula: the least m with |ρ(m+1)|, …, |ρ(m+5)| < 2 √(log10 n / n).
     Source: Politis, Adaptive bandwidth choice, Journal of Nonparametric Statistics 15 (2003).
@@ -38,10 +38,9 @@ def autocorrelations(series: Array) -> Array:
 
 
 def design_effect(series: Array) -> float:
-    """Return by how much the variance of the mean of a series exceeds that of independent draws, at least 1.
+    """Return the design effect: variance of the mean of a series over that of independent draws, at least 1.
 
-    Formula: 1 + 2 Σ_k λ(k/2m) ρ(k), λ flat to ½ and then falling to 0 at 1, m the `memory`; correlations below 0 are not
-    made use of.
+    Formula: 1 + 2 Σ_k λ(k/2m) ρ(k), λ flat to ½ and then falling to 0 at 1, m the `memory`; values below 1 count as 1.
     """
     reach = memory(series)
     if reach == 0:
@@ -52,13 +51,13 @@ def design_effect(series: Array) -> float:
 
 
 def share_limit(wrong: Array, level: float) -> float:
-    """Return the upper limit on how often one is wrong: Clopper and Pearson's, of as many rows as are worth independent ones.
+    """Return the Clopper–Pearson upper limit on the share of wrong rows, at the effective number of independent rows.
 
     Formula: the `level` quantile of Beta(k/D + 1, (n − k)/D), k of n rows wrong, D the `design_effect`.
     Source: Clopper and Pearson (1934); Korn and Graubard, Survey Methodology 24 (1998), for D.
 
-    Where errors are made one after another, each with a chance of at least R whatever came before, their number is
-    stochastically larger than a binomial one, and with D = 1 the limit lies below R no more often than 1 − level.
+    If each error has a probability of at least R given the past, the number of errors is stochastically larger than binomial,
+    and with D = 1 the limit is below R with probability at most 1 − level.
     """
     worth = design_effect(wrong)
     count, right = float(wrong.sum()) / worth, float((1.0 - wrong).sum()) / worth
@@ -69,7 +68,7 @@ def mean_limit(series: Array, level: float, rng: np.random.Generator) -> float:
     """Return the upper limit on the mean of losses by a studentised circular block bootstrap.
 
     Formula: mean − t s, t the 1 − level quantile of (mean* − mean)/s*, samples of blocks of b neighbouring rows, s² the
-    variance of block means over their number; b the larger of n^(1/3) and the `memory`, so that there are ten blocks.
+    variance of block means over their number; b the larger of n^(1/3) and the `memory`, at most n/10.
     Source: Götze and Künsch, Annals of Statistics 24 (1996).
     """
     rows = len(series)

@@ -1,4 +1,4 @@
-"""Learning forward in time: every block is read by what was learned from the rows before it, less an embargo."""
+"""Learning forward in time: every block is predicted by learners fitted to the rows before it, minus an embargo."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from inscrutable.validation import Array
 
 N_BLOCKS = 10
 FIRST_JUDGED = 4
-"""Block 0 is only learned from, blocks 1 to 3 only to choose a learner; what is claimed is judged on the other six tenths."""
+"""Block 0 is for learning only, blocks 1 to 3 choose a learner; the other 60 % of the rows are the test rows of the claim."""
 
 
 @dataclass(frozen=True, eq=False)
 class Forward:
-    """The predictions of every learner for every block read, for the targets as they are and for shifted ones.
+    """The predictions of every learner for every block, for the true targets and for shifted ones.
 
-    Squares and guesses are sums over a block's rows; predictions those for the targets as they are.
+    `squares` and `guesses` are sums over a block's rows; `predictions` are for the true targets.
     """
 
-    bounds: tuple[tuple[int, int], ...]  # of the blocks read, first row and the one after the last
+    bounds: tuple[tuple[int, int], ...]  # first row of each predicted block, and the row after the last
     names: tuple[str, ...]
     squares: Array  # (L, S, B)
-    guess_squares: Array  # (S, B), of the mean of what was learned from
+    guess_squares: Array  # (S, B), of the mean of the training rows
     predictions: Array  # (L, n, C)
     guesses: Array  # (n, C)
 
     @property
     def judged_from(self) -> int:
-        """The first block read that counts for a claim."""
+        """The first block that counts for a claim."""
         return FIRST_JUDGED - 1
 
     def chosen(self) -> np.ndarray:
-        """For every shift and block the learner that had the least square error on the blocks before, shape (S,B)."""
+        """The learner of least squared error on the blocks before, for every shift and block, shape (S,B)."""
         return best_before(self.squares)
 
     def explained(self) -> Array:
-        """1 − square error / that of the guess, over all judged blocks up to each, shape (S,B'), by the chosen learners."""
+        """1 − squared error / squared error of the guess, over the judged blocks so far, by the chosen learners, (S,B')."""
         judged = slice(self.judged_from, None)
         taken = np.take_along_axis(self.squares, self.chosen()[None], axis=0)[0]
         guess = self.guess_squares[:, judged].cumsum(axis=1)
@@ -50,13 +50,13 @@ class Forward:
 
 
 def best_before(losses: Array) -> np.ndarray:
-    """The learner of least summed loss over the blocks before each, of losses (L,S,B); the first one where there are none."""
+    """Return the learner of least total loss before each block, from losses (L,S,B); the first one for block 0."""
     before = np.concatenate([np.zeros_like(losses[:, :, :1]), losses.cumsum(axis=2)[:, :, :-1]], axis=2)
     return np.asarray(before.argmin(axis=0))
 
 
 def blocks(n_rows: int) -> tuple[tuple[int, int], ...]:
-    """The blocks that are read: all but the first of ten of equal length, to a row."""
+    """Return the predicted blocks: all but the first of ten blocks of equal length, up to one row."""
     ends = [round(k * n_rows / N_BLOCKS) for k in range(N_BLOCKS + 1)]
     return tuple(pairwise(ends[1:]))
 
@@ -64,7 +64,7 @@ def blocks(n_rows: int) -> tuple[tuple[int, int], ...]:
 def learn_forward(
     features: Array, targets: Array, shifts: np.ndarray, embargo: int, makers: Mapping[str, Learner]
 ) -> Forward:
-    """Return what learners make of rows (T,P) with targets (T,C), shifted around the circle by each of `shifts`, 0 first."""
+    """Return the forward predictions for rows (T,P) with targets (T,C), circularly shifted by each of `shifts`, 0 first."""
     n_rows = len(features)
     bounds = blocks(n_rows)
     shifted = np.stack([np.roll(targets, int(s), axis=0) for s in shifts], axis=1)

@@ -17,13 +17,13 @@ from inscrutable.validation import Array
 Kind = Literal["classes", "numbers"]
 LEAST_ROWS = 60
 _MOST_CLASSES = 10
-"""Whole numbers of no more different values are names of classes."""
+"""Whole numbers with at most this many different values count as classes."""
 _MOST_CHOICES = 50
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A secret as what is learned: an indicator for every class, or one number."""
+    """A secret as a learning target: one indicator per class, or one number."""
 
     name: str
     kind: Kind
@@ -33,7 +33,7 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class PairedRows:
-    """Rows of secrets with the decisions that are read for them, in order of time."""
+    """Rows of secrets with their decisions, in order of time."""
 
     index: pd.Index
     targets: tuple[Target, ...]
@@ -44,12 +44,12 @@ class PairedRows:
 
 
 def paired(secrets: Any, published: Any, lags: Sequence[int], kind: Kind | None) -> PairedRows:
-    """Return rows in which nothing is missing; raise `InputError` where tables do not fit, or too little is left."""
+    """Return the complete rows; raise `InputError` where the tables disagree or too few rows are left."""
     hidden, shown = _table(secrets, "secrets"), _table(published, "published")
     notes: list[str] = []
     hidden, shown, both = _aligned(hidden, shown, notes)
     decisions = _decisions(shown, notes)
-    # In the order of their names, so that the order of columns changes nothing.
+    # Sort columns by name, so that their order has no effect.
     decisions = decisions[sorted(decisions.columns, key=str)]
     read = [decisions.shift(-lag) for lag in lags]
     features = pd.concat(read, axis=1)
@@ -102,7 +102,7 @@ def _table(value: Any, name: str) -> pd.DataFrame:
 
 
 def _aligned(hidden: pd.DataFrame, shown: pd.DataFrame, notes: list[str]) -> tuple[pd.DataFrame, pd.DataFrame, Any]:
-    """Both on the rows of the published ones, and which of these have a partner."""
+    """Return both tables on the rows of `published`, and which of these have a partner."""
     bare = [table.index.equals(pd.RangeIndex(len(table))) for table in (hidden, shown)]
     if any(bare):
         if len(hidden) != len(shown):
@@ -111,7 +111,7 @@ def _aligned(hidden: pd.DataFrame, shown: pd.DataFrame, notes: list[str]) -> tup
             )
         index = hidden.index if bare[1] else shown.index
         return hidden.set_axis(index), shown.set_axis(index), np.ones(len(index), dtype=bool)
-    # In the order of time: labels that can be compared say it themselves, others by standing in one order in both.
+    # The order of time is that of comparable labels; other labels must have the same order in both tables.
     ordered = all(type(label) is not str for label in shown.index)
     if ordered and not shown.index.is_monotonic_increasing:
         k = next(k for k in range(1, len(shown)) if not shown.index[k] > shown.index[k - 1])
@@ -140,7 +140,7 @@ def _aligned(hidden: pd.DataFrame, shown: pd.DataFrame, notes: list[str]) -> tup
 
 
 def _decisions(shown: pd.DataFrame, notes: list[str]) -> pd.DataFrame:
-    """Decisions as numbers: choices given in words as indicators, one for each."""
+    """Return decisions as numbers: one indicator per choice where choices are words."""
     parts: list[pd.DataFrame] = []
     for name in shown.columns:
         column = shown[name]
@@ -195,7 +195,7 @@ def _finite(column: pd.Series, table: str, name: Any) -> pd.Series:
 
 
 def _words(column: pd.Series, table: str, name: Any) -> pd.Series:
-    """Text, truth values or categories as text; a mixture of text and numbers is refused."""
+    """Return text, truth values or categories as text; raise `InputError` for a mixture of text and numbers."""
     held = column.dropna()
     kinds = {isinstance(each, (int, float, complex)) and not isinstance(each, (bool, np.bool_)) for each in held}
     if len(kinds) > 1:

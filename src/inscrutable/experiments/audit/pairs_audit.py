@@ -1,4 +1,4 @@
-"""Whether anything leaks at all: an observer learns forward in time from pairs of secret and decision, without a model."""
+"""A test of leakage without a model: learners predict the secret from decisions, forward in time."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from inscrutable.validation import Array
 SHIFTS, SHIFTS_OF_MANY, MANY_ROWS = 99, 39, 20_000
 _IN_STEPS = 20
 _FORGOTTEN = math.exp(-1.0)
-"""Autocorrelation of a secret below which rows count as apart."""
+"""Autocorrelation of a secret below which rows count as independent."""
 _LEAST_KNOWN = 3
-"""Rows that the first block read is learned from; it only serves to choose a learner."""
+"""Least number of training rows of the first predicted block, which only serves to choose a learner."""
 _ALONE = ("ridge, penalty 0.01", "tree")
-"""Learners of what a column reveals alone."""
+"""Learners for single columns."""
 
 
 def audit_pairs(
@@ -41,34 +41,35 @@ def audit_pairs(
 ) -> PairsAudit:
     """Test whether published decisions leak secrets, from pairs of both and without a model.
 
-    Rows stand in the order of time. The last six of ten blocks are judged, each read by what was learned from the rows before
-    it, less an embargo; which learner (ridge, nearest neighbours, a tree) is chosen by the blocks before. So the errors judged
-    are those of an observer who exists, and the best one errs no more: their one-sided 95 % limit holds for the best, too.
-    Whether anything leaks is judged by the share explained, 1 − Σ (y − ŷ)² / Σ (y − ȳ)², of the secrets as they are and
-    shifted around the circle against the decisions, everything learned and chosen anew: a shift keeps the correlation of each
-    series in time and breaks the dependence between them.
+    Rows are in order of time. The last six of ten blocks are test blocks; each is predicted by a learner fitted to the rows
+    before it, minus an embargo. The learner (ridge, nearest neighbours, a tree) is the one of least error on the blocks before.
+    The errors are therefore those of a feasible observer, and the best observer errs at most as much: the one-sided 95 % upper
+    limit holds for the best observer too. The test statistic is the share explained, 1 − Σ (y − ŷ)² / Σ (y − ȳ)². Its null
+    distribution comes from circular shifts of the secrets against the decisions, with learning and choice repeated for each: a
+    shift keeps the autocorrelation of each series and removes the dependence between them.
 
     Args:
         secrets: One or more columns, (T,) or (T,S): numbers, or classes (text, truth values, whole numbers of at most ten
-            values). With labels such as dates rows are joined by them; without, both tables have as many rows.
+            values). Labels such as dates join the rows; without labels, both tables need the same number of rows.
         published: Decisions, (T,U): numbers, or choices in words.
-        lags: Rows from the secret to the decision that is read for it: 0 the same row, 1 the next one, −1 the one before.
-        embargo: Rows between those learned from and those read; None is the reach of the lags and as many rows as a secret
-            takes to fall to an autocorrelation of 1/e, at most half a block.
+        lags: Rows from the secret to its decision: 0 the same row, 1 the next one, −1 the one before.
+        embargo: Rows left out between training and test rows; None: the range of the lags plus the rows after which the
+            secret's autocorrelation is below 1/e, at most half a block.
         kind: "classes" or "numbers" for all secrets; None decides by the values.
-        shifts: Most circular shifts, at least 19; None is 99, or 39 above 20,000 rows. They are evenly spaced, and fewer where
-            they would come nearer to each other than the embargo.
+        shifts: Largest number of circular shifts, at least 19; None: 99, or 39 above 20,000 rows. They are evenly spaced, and
+            fewer if their distance would be less than the embargo.
         rng: Source of the bootstrap's draws; None is a fixed one, the same at every call.
 
     Returns:
-        A `PairsAudit`: for each secret the error and its limit, the error without decisions, the p-value, what would have been
-        found with a power of about 80 % where all rows leak alike, since when, and what each column and lag reveals alone.
+        A `PairsAudit`. For each secret: the error and its limit, the error without decisions, the p-value, the leak that the
+        test finds with a power of about 80 % if all rows leak alike, the date since which it leaks, and the share that each
+        column and lag explains alone.
 
     Raises:
-        InputError: Tables have other rows, fewer than 60 with nothing missing, text among numbers, nothing that varies; or
-            scikit-learn is missing.
+        InputError: The rows of the tables disagree, fewer than 60 rows are complete, numbers and text are mixed, nothing
+            varies, or scikit-learn is missing.
 
-    Cost: two seconds for 300 rows of ten columns and one secret, half a minute for 100,000; in proportion to the secrets.
+    Cost: 2 s for 300 rows of ten columns and one secret, 30 s for 100,000 rows; proportional to the number of secrets.
 
     Source: Dawid, prequential analysis (1984), for errors made forward in time; Clopper and Pearson (1934), Götze and Künsch
     (1996) for the limits; permutation by circular shifts.
@@ -113,7 +114,7 @@ def _checked_lags(lags: Sequence[int]) -> tuple[int, ...]:
 
 
 def _embargo(pairs: PairedRows, lags: tuple[int, ...], asked: int | None) -> int:
-    """Rows left out before a block; at least the reach of the lags, so that no decision is on both sides."""
+    """Return the rows left out before a block; at least the range of the lags, so that no decision is on both sides."""
     rows, reach = len(pairs.index), max(lags) - min(lags)
     most = rows // N_BLOCKS - _LEAST_KNOWN
     if asked is None:
@@ -135,10 +136,10 @@ def _forgotten(column: Array) -> int:
 
 
 def _shifts(rows: int, embargo: int, asked: int | None) -> np.ndarray:
-    """Evenly spaced shifts, the identity first, in a number that 5 % divides, and apart by more than the embargo if they can.
+    """Return evenly spaced shifts, the identity first, a multiple of 20 of them, farther apart than the embargo if possible.
 
-    Even spacing makes them a group, of which without a leak the identity is like any other; leaving out only shifts near to the
-    identity would not, and gives too many alarms.
+    Evenly spaced shifts form a group, so without a leak all of them are exchangeable. Leaving out only the shifts near the
+    identity would not give a group, and would give too many false positives.
     """
     most = (SHIFTS if rows <= MANY_ROWS else SHIFTS_OF_MANY) if asked is None else asked
     validation.count(most, "shifts", least=_IN_STEPS - 1)
@@ -147,7 +148,7 @@ def _shifts(rows: int, embargo: int, asked: int | None) -> np.ndarray:
 
 
 def _judged(explained: Array) -> tuple[Array, Array]:
-    """How often a shift explains as much as the identity, after every judged block (K,B), and what is detectable (K,).
+    """Return the p-values after every test block (K,B), and the detectable shares (K,).
 
     Formula: of the shares explained (K,S,B) of K secrets, in units of their spread over shifts, the largest of all secrets is
     compared. Found with power 1 − β is a share of: the least that is significant, less what a shift explains on average (what
@@ -182,7 +183,7 @@ def _finding(
     taken, guess = _taken(run, losses), losses[0]
     is_found = bool(p_values[-1] <= 1.0 - LEVEL)
     limits = [_limit(target, taken[n_before:], level, rng)]
-    # Where nothing is found, the limit is the error without decisions.
+    # Without a finding, the limit is the error without decisions.
     limits += [] if is_found else [_limit(target, guess[n_before:], level, rng)]
     unit = np.sqrt if target.kind == "numbers" else float
     since, noticed = _when(pairs, run, truth, p_values) if is_found else ("", "")
@@ -205,14 +206,14 @@ def _finding(
 
 
 def _losses(target: Target, predictions: Array, truth: Array) -> Array:
-    """The loss of every learner (L,n,C) in every row: 1 for the wrong class, or the squared error."""
+    """Return the loss of every learner (L,n,C) in every row: 1 for the wrong class, or the squared error."""
     if target.kind == "numbers":
         return np.asarray((predictions[:, :, 0] - truth[:, 0]) ** 2)
     return np.asarray(predictions.argmax(axis=2) != truth.argmax(axis=1), dtype=np.float64)
 
 
 def _taken(run: Forward, losses: Array) -> Array:
-    """Losses of the learner that lost least on the blocks before; the guess without decisions is one of them."""
+    """Return the losses of the learner of least loss on earlier blocks; the guess without decisions is one learner."""
     ends = np.array([stop for _, stop in run.bounds]) - run.bounds[0][0]
     sums = np.diff(np.concatenate([np.zeros((len(losses), 1)), losses.cumsum(axis=1)[:, ends - 1]], axis=1), axis=1)
     chosen = best_before(sums[:, None])[0]
@@ -225,7 +226,7 @@ def _limit(target: Target, losses: Array, level: float, rng: np.random.Generator
 
 
 def _gains(run: Forward, truth: Array) -> tuple[Array, Array]:
-    """By how much the chosen learner's square error is below the guess's, row by row, and the latter."""
+    """Return by row the guess's squared error minus the chosen learner's, and the guess's."""
     block_of = np.repeat(np.arange(len(run.bounds)), [stop - start for start, stop in run.bounds])
     predicted = run.predictions[run.chosen()[0][block_of], np.arange(len(truth))]
     guess = ((truth - run.guesses) ** 2).sum(axis=1)
@@ -233,7 +234,7 @@ def _gains(run: Forward, truth: Array) -> tuple[Array, Array]:
 
 
 def _when(pairs: PairedRows, run: Forward, truth: Array, p_values: Array) -> tuple[str, str]:
-    """The row since which decisions leak, where the summed gain is least, and the row from which on the p-value stays low."""
+    """Return the row since which decisions leak (least summed gain), and the row from which the p-value stays low."""
     total = np.concatenate([[0.0], _gains(run, truth)[0].cumsum()])
     start = run.bounds[0][0] + int(total[:-1].argmin())
     high = np.flatnonzero(p_values > 1.0 - LEVEL)
@@ -259,7 +260,7 @@ def _block_shares(run: Forward) -> Array:
 
 
 def _sources(pairs: PairedRows, target: Target, embargo: int) -> tuple[Telling, ...]:
-    """What each column, and each lag where there are several, reveals alone."""
+    """Return the share that each column, and each of several lags, explains alone."""
     makers = {name: make for name, make in learners().items() if name in _ALONE}
     columns, lags = tuple(dict.fromkeys(pairs.columns)), sorted(set(pairs.lags))
     parts = [("column", name, [k for k, each in enumerate(pairs.columns) if each == name]) for name in columns]

@@ -1,4 +1,4 @@
-"""What an audit of two tables found: at least so much leaks, or nothing, and what would have been found."""
+"""Results of an audit of two tables: a lower bound of the leak, or none found with the detectable size."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _MOST_SOURCES = 6
 
 @dataclass(frozen=True, eq=False)
 class Telling(Saved):
-    """What one column of the decisions, or one lag, reveals alone.
+    """The share of a secret that one column of the decisions, or one lag, explains alone.
 
     Args:
         kind: "column" or "lag".
         name: The column's name, or the lag in rows.
-        explained: Share of the secret explained by it alone, against the mean of what was learned from.
+        explained: Share of the secret explained by it alone, relative to the mean of the training rows.
         error: Its standard error.
-        tells: Whether it is above 0 by a one-sided test, all columns and lags of a secret taken together.
+        tells: Whether it is above 0 in a one-sided test, corrected for all columns and lags of a secret.
     """
 
     kind: str
@@ -36,16 +36,16 @@ class Telling(Saved):
 
 @dataclass(frozen=True, eq=False)
 class BlockScore(Saved):
-    """How well one block of rows was read by what was learned before it.
+    """The error of one block of rows, predicted by a learner fitted before it.
 
     Args:
         first: Label of its first row.
         last: Label of its last row.
-        error: The learner's error there: share wrong, or root mean square in the secret's unit.
-        guess_error: The same without decisions.
-        explained: Share of the secret explained, by square error.
-        learner: Who read it.
-        is_judged: Whether it counts for the claim; earlier ones only choose a learner.
+        error: The learner's error on the block: share wrong, or root mean square in the secret's unit.
+        guess_error: The error without decisions.
+        explained: Share of the secret explained, by squared error.
+        learner: The chosen learner.
+        is_judged: Whether the block counts for the claim; earlier blocks only choose a learner.
     """
 
     first: str
@@ -66,19 +66,18 @@ class SecretAudit(Saved):
         kind: "classes" or "numbers".
         classes: Names of the classes.
         is_found: Whether a leak was found, at a level of 5 % for all secrets together.
-        p_value: Share of circular shifts, the identity among them, that explain as much; over the largest of all secrets.
-        error: The learner's error, over the judged rows: share wrong, or root mean square in the secret's unit.
+        p_value: Share of circular shifts, the identity included, that explain as much; by the largest statistic of all secrets.
+        error: The learner's error on the test rows: share wrong, or root mean square in the secret's unit.
         error_limit: Upper limit on the error of the best observer, at 95 % for all secrets together.
-        guess_error: The error of an observer who sees no decision and names the commonest class, or the mean, of the rows
-        before.
-        explained: Share of the secret explained: 1 − square error / that of the guess, of indicators where it is classes.
-        detectable: The share explained that would have been found in about four audits of five, where these learners can learn
-            it and all rows reveal it alike: in 70 to 82 % where this was tried. A leak in few rows, such as those of a rare
-                decision, is found less often: in 40 %.
-        since: Label of the row from which on the decisions leak, by the least of the summed gain; "" where nothing is found.
-        noticed: Label of the row at which it would have been noticed; "" where nothing is found.
-        sources: What single columns and lags reveal alone.
-        blocks: How well each block of rows was read.
+        guess_error: The error of an observer without decisions, who names the commonest class, or the mean, of the rows before.
+        explained: Share of the secret explained: 1 − squared error / squared error of the guess; of indicators for classes.
+        detectable: The share explained at which the test has a power of about 80 %, if these learners can learn the dependence
+            and all rows leak alike; simulations gave 70 to 82 %. For a leak in few rows, such as those of a rare decision, the
+            power was 40 %.
+        since: Label of the row from which the decisions leak, at the minimum of the summed gain; "" where nothing is found.
+        noticed: Label of the row from which the p-value stays low; "" where nothing is found.
+        sources: The shares that single columns and lags explain alone.
+        blocks: The error of each block of rows.
     """
 
     name: str
@@ -139,17 +138,17 @@ def _percent(share: float) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PairsAudit(Summarised, Saved):
-    """What published decisions leak about secrets, from data and without a model: *at least so much*.
+    """The least that published decisions leak about secrets, from data and without a model.
 
     Args:
         secrets: One finding for every secret, in the order given.
-        n_rows: Rows with nothing missing.
-        n_judged: Rows on which the claim is judged, the later ones.
-        embargo: Rows left out between what is learned from and what is read.
-        lags: Rows from the secret to the decision that is read.
+        n_rows: Number of complete rows.
+        n_judged: Number of test rows, the later ones.
+        embargo: Rows left out between training and test rows.
+        lags: Rows from the secret to its decision.
         n_shifts: Circular shifts behind the p-values, without the identity.
         learners: Names of the learners.
-        notes: How missing values, unequal dates, constant columns and text were treated.
+        notes: The treatment of missing values, unequal dates, constant columns and text.
 
     Source: `audit_pairs`.
     """
@@ -189,15 +188,15 @@ class PairsAudit(Summarised, Saved):
         return pd.DataFrame(rows).set_index("name")
 
     def source_frame(self) -> pd.DataFrame:
-        """Return what each column and lag reveals alone about each secret, with the fields of `Telling`."""
+        """Return the share that each column and lag explains alone of each secret, with the fields of `Telling`."""
         return _frame([(each.name, part) for each in self.secrets for part in each.sources])
 
     def block_frame(self) -> pd.DataFrame:
-        """Return how well each block of rows was read for each secret, with the fields of `BlockScore`."""
+        """Return the error of each block of rows for each secret, with the fields of `BlockScore`."""
         return _frame([(each.name, part) for each in self.secrets for part in each.blocks])
 
     def summary(self) -> str:
-        """Return the verdict, what was done, and how the data were treated."""
+        """Return the verdict, the method, and the treatment of the data, as text."""
         lags = f"lags {', '.join(map(str, self.lags))}" if self.lags != (0,) else "the decision of the same row"
         lines = [
             *(each.summary() for each in self.secrets),
@@ -210,6 +209,6 @@ class PairsAudit(Summarised, Saved):
 
 
 def _frame(parts: Sequence[tuple[str, Telling | BlockScore]]) -> pd.DataFrame:
-    """One row per part of a secret, under the secret's name."""
+    """Return one row per part of a secret, under the secret's name."""
     rows = [{field.name: getattr(part, field.name) for field in fields(part)} for _, part in parts]
     return pd.DataFrame(rows, index=pd.Index([name for name, _ in parts], name="secret"))

@@ -1,4 +1,4 @@
-"""Agents who decide in turn and see each other's decisions: learning, herding, and the cost of hiding to the others."""
+"""Social learning: agents who decide in turn and see each other's decisions, herding, and the cost of hiding to others."""
 
 from inscrutable.experiments.herding.results import HerdStatus, SocialLearning
 from inscrutable.experiments.herding.table import HerdingTable, herding_table

@@ -18,7 +18,7 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False)
 class TurnOutcomes:
-    """What follows a decision at S public beliefs; its C outcomes are pairs of a public belief and a decision."""
+    """The outcomes of a decision at S public beliefs: C pairs of a public belief and a decision."""
 
     origin: np.ndarray  # (C,), the public belief, in ascending order
     chances: Array  # (C,X), of the decision in each state
@@ -48,7 +48,7 @@ class Deciding:
         played = after.sum(axis=1)
         told = sums_at(place[row], mass * np.log2(share / played[outcome]), len(public))
         costs, forgone = self._costs(private, points)
-        # A choice is right where it costs nothing; what lies between choices, in the state that it suits best.
+        # A choice is right in the states where its regret is zero; a mixture is right in the state of its least regret.
         least = 0.0 if self.problem.is_discrete else costs.min(axis=1, keepdims=True)
         is_right = costs <= least + tolerances.NO_COST * np.abs(self.problem.state_costs(points)).max()
         own = np.maximum((private[row] * costs[number]).sum(axis=1) - forgone[row], 0.0)
@@ -67,7 +67,7 @@ class Deciding:
         )
 
     def _private(self, public: Array) -> tuple[np.ndarray, np.ndarray, Array, Array]:
-        """Each public belief with each signal possible there: their numbers, the signal's chance, the private belief."""
+        """Return each public belief with each possible signal: both indices, the signal's probability, the private belief."""
         joint = public[:, None, :] * self.signals.T
         total = joint.sum(axis=2)
         place, symbol = np.nonzero(total > 0)
@@ -76,13 +76,13 @@ class Deciding:
         return place, symbol, weight, private / private.sum(axis=1, keepdims=True)
 
     def _costs(self, private: Array, points: Array) -> tuple[Array, Array]:
-        """Regrets (M,X) of decisions in each state, and the least that private beliefs expect, who do not know the state."""
+        """Return the regrets (M,X) of decisions in each state, and the least expected regret under each private belief."""
         states = np.eye(len(self.signals))
         least = self.problem.optimal_cost(private) - private @ self.problem.optimal_cost(states)
         return regrets_of(self.problem, states, points).T, np.asarray(least)
 
     def _law(self, private: Array) -> tuple[Array, np.ndarray, np.ndarray, Array]:
-        """K(u|π) of private beliefs: distinct decisions as points, and the entries above zero: row, decision, share."""
+        """Return K(u|π) at private beliefs: the distinct decisions, and the nonzero entries as (row, decision, probability)."""
         if isinstance(self.maker, OriginalDecisionMaker) and isinstance(self.problem, FiniteProblem):
             tied = self.problem.tied(private)  # a fair coin among tied choices
             row, number = np.nonzero(tied)
@@ -105,9 +105,9 @@ def sums_at(where: np.ndarray, values: Any, count: int) -> Array:
 def _outcomes(
     place: np.ndarray, number: np.ndarray, n_points: int, n_public: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which outcome each entry belongs to, and the public belief and the decision of each outcome."""
+    """Return the outcome of each entry, and the public belief and decision of each outcome."""
     key = place.astype(np.int64) * n_points + number
-    if n_points * n_public <= 4 * len(key):  # counted, without a sort
+    if n_points * n_public <= 4 * len(key):  # by counting, without a sort
         found = np.flatnonzero(np.bincount(key, minlength=n_points * n_public))
         where = np.empty(n_points * n_public, dtype=np.intp)
         where[found] = np.arange(len(found))
@@ -120,7 +120,7 @@ def _outcomes(
 def _cascades(
     origin: np.ndarray, outcome: np.ndarray, share: Array, n_signals: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """At which public beliefs all signals lead to one law (S,), and which outcomes are the likeliest decisions of it (C,)."""
+    """Return which public beliefs (S,) have one law for all signals, and which outcomes (C,) are their likeliest decisions."""
     largest, least = np.zeros(len(origin)), np.full(len(origin), np.inf)
     np.maximum.at(largest, outcome, share)
     np.minimum.at(least, outcome, share)

@@ -1,4 +1,4 @@
-"""Herding by dynamic programming on the public belief: every one that can be reached, equal ones merged."""
+"""Herding by dynamic programming on all reachable public beliefs; equal ones are merged."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from inscrutable.validation import Array
 
 
 class _Graph:
-    """What one agent does at the public beliefs found so far: where each decision leads, how likely it is, and its figures."""
+    """One agent's decisions at the public beliefs found so far: next public beliefs, probabilities and figures."""
 
     def __init__(self, agent: Deciding, n_states: int) -> None:
         self.agent = agent
@@ -23,7 +23,7 @@ class _Graph:
         self.bits, self.prices, self.cascade = np.empty(0), np.empty(0), np.empty(0, dtype=bool)
 
     def grown(self, found: Array) -> Array:
-        """Decide at the beliefs that are new, and return all beliefs with those that their decisions lead to."""
+        """Decide at the new beliefs, and return all beliefs with their successors."""
         known = len(self.bits)
         if known == len(found):
             return found
@@ -42,24 +42,24 @@ class _Graph:
         return sums_at(self.target, joint[self.origin] * self.chances, size)
 
     def herd(self, joint: Array) -> Array:
-        """Chances of a right cascade, a wrong one and none."""
+        """Return the probabilities of a right cascade, a wrong one and none."""
         inside = joint[self.cascade]
         right = float((inside * self.settled[self.cascade]).sum())
         return np.array([right, float(inside.sum()) - right, float(joint[~self.cascade].sum())])
 
 
 def equal_beliefs(beliefs: Array) -> np.ndarray:
-    """Return the first of the beliefs that each is equal to, small probabilities judged relative to themselves."""
+    """Return for each belief the first equal one; small probabilities are compared in relative terms."""
     return first_same(np.log(np.maximum(beliefs, tolerances.TINY)), tolerances.REACHED_BELIEF)
 
 
 def reached(agents: Sequence[Deciding], prior: Array, most: int) -> SocialLearning | None:
-    """Return the exact figures of agents who decide in turn; None where more than `most` public beliefs can be reached."""
+    """Return the exact figures of agents who decide in turn; None for more than `most` reachable public beliefs."""
     graphs = {id(agent): _Graph(agent, len(prior)) for agent in agents}
     turns = [graphs[id(agent)] for agent in agents]
     found, joint = prior[None], prior[None]
     herds, truths, turn = [], [], []
-    for graph in [*turns, turns[-1]]:  # the last one once more: whether its successor would follow
+    for graph in [*turns, turns[-1]]:  # the last agent once more, for the cascade after its decision
         larger = graph.grown(found)
         if len(larger) > most:
             return None

@@ -15,7 +15,7 @@ from inscrutable.validation import Array
 
 @saved_choice
 class HerdStatus(Enum):
-    """How the figures were found, and what counts as herding.
+    """Whether figures are exact or simulated, and what counts as herding.
 
     Example:
         >>> HerdStatus.EXACT.value
@@ -32,29 +32,29 @@ class HerdStatus(Enum):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SocialLearning(Summarised, Saved):
-    """N agents who decide in turn, each on a signal of its own and on all decisions before.
+    """Results of N agents who decide in turn, each given its own signal and all decisions before.
 
     Formula: π_n ∝ q_{n−1}(x) p(y_n|x), u_n ~ K(·|π_n), q_n ∝ q_{n−1}(x) Σ_y p(y|x) K(u_n|π(q_{n−1},y)).
 
     Args:
-        public_beliefs: q_N, shape (S,X): each that can be reached, or one a path.
-        right: Chance that a cascade on a right decision has begun after N decisions: no signal changes the law of the next one,
-            whose likeliest decision is one of the best in the true state; in a problem that has no single choices, its regret
-            is least in the true state. With the status MAJORITIES, the share of the paths on which more than half of the
-            decisions are right.
-        wrong: The same for a wrong decision.
-        none: Chance of neither; the three sum to one.
-        welfare: Σ_n E ρ(x,u_n), expected sum of the regrets under the true state, in the cost's unit; less is better.
-        joint: Chance of each public belief together with each true state, shape (S,X).
+        public_beliefs: q_N, shape (S,X): every reachable one, or one per path.
+        right: Probability that a cascade on a right decision has begun after N decisions. In a cascade no signal changes the
+            law of the next decision. It is right if the likeliest decision is optimal in the true state; in a problem without
+            finite choices, if its regret is least in the true state. With the status MAJORITIES: the share of paths with more
+            than half of the decisions right.
+        wrong: Probability that a cascade on a wrong decision has begun.
+        none: Probability of neither; the three sum to one.
+        welfare: Σ_n E ρ(x,u_n), expected sum of regrets under the true state, in the cost's unit; smaller is better.
+        joint: Joint probability of public belief and true state, shape (S,X).
         herds: right, wrong and none after 0..N decisions, shape (N+1,3).
         regrets: E ρ(x,u_n) of every agent, shape (N,).
-        prices: E ρ(π_n,u_n) of every agent, shape (N,): the part of its regret that its own hiding costs it; what is left is
-            owed to what it could learn.
+        prices: E ρ(π_n,u_n) of every agent, shape (N,): the part of its regret due to its own hiding; the rest is due to its
+            limited information.
         leakages: I(π_n;u_n|q_{n−1}) of every agent, shape (N,), in bits: leakage of its decision about its private belief to an
-        observer who knows its rule and has seen the decisions before; 0 is perfect privacy.
+            observer who knows its rule and the decisions before; 0 is perfect privacy.
         truths: E q_n(x), probability that the public belief gives the true state after 0..N decisions, shape (N+1,).
-        welfare_error: Standard error of the welfare; 0 where nothing was simulated.
-        n_paths: Simulated paths; 0 where there are none.
+        welfare_error: Standard error of the welfare; 0 for exact figures.
+        n_paths: Number of simulated paths; 0 for exact figures.
         status: How the figures were found.
 
     Source: Bikhchandani, Hirshleifer and Welch (1992); Smith and Sørensen (2000); `social_learning` makes it.
@@ -90,12 +90,12 @@ class SocialLearning(Summarised, Saved):
 
     @property
     def errors(self) -> Array:
-        """Standard errors of right, wrong and none, shape (3,); 0 where nothing was simulated."""
+        """Standard errors of right, wrong and none, shape (3,); 0 for exact figures."""
         shares = np.array([self.right, self.wrong, self.none])
         return np.sqrt(shares * (1.0 - shares) / self.n_paths) if self.n_paths else np.zeros(3)
 
     def frame(self) -> pd.DataFrame:
-        """Return one row an agent: herding after its decision, its regret and leakage, and what the public then knows."""
+        """Return one row per agent: herding after its decision, regret, leakage, public probability of the true state."""
         return pd.DataFrame(
             {
                 **dict(zip(("right", "wrong", "none"), self.herds[1:].T, strict=True)),
@@ -117,7 +117,7 @@ class SocialLearning(Summarised, Saved):
 
 
 class Simulation(NamedTuple):
-    """How figures were simulated; the defaults stand for exact ones."""
+    """How figures were simulated; the defaults mean exact figures."""
 
     welfare_error: float = 0.0
     n_paths: int = 0
@@ -132,7 +132,7 @@ def found_of(
     truths: Array,
     how: Simulation = Simulation(),  # noqa: B008
 ) -> SocialLearning:
-    """Return the result of public beliefs (S,X) with their joint law, and of each turn's regret, price and bits, (N,3)."""
+    """Return the result, from public beliefs (S,X) with their joint law, and each turn's regret, price and bits, (N,3)."""
     right, wrong, none = (float(each) for each in herds[-1])
     regrets, prices, leakages = np.ascontiguousarray(turns.T)
     welfare = float(regrets.sum())

@@ -1,4 +1,4 @@
-"""A sensor as a table of finitely many signals: its symbols, cells of the one number that matters, or draws."""
+"""A sensor as a table of finitely many signals: its symbols, cells of a sufficient statistic, or draws."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, Emission, GaussianEmission
 
 _STEPS = np.linspace(-8.5, 8.5, 86)
-"""Cells of a Gaussian sensor, in standard deviations of each state's law: beyond the last one lies a chance of 1e-17."""
+"""Cells of a Gaussian sensor, in standard deviations of each state's law; the probability beyond the last is 1e-17."""
 
 _DRAWS = 500
-"""Signals drawn from each state where neither symbols nor cells are known."""
+"""Number of signals drawn from each state, for sensors without symbols or cells."""
 
 
 class Signals(NamedTuple):
-    """What an agent's sensor can report: p(y|x) of the signals, and whether they are the sensor's own symbols."""
+    """An agent's signals: p(y|x), and whether they are the sensor's own symbols."""
 
     probabilities: Array  # (X,Y)
     is_exact: bool
 
 
 def signals_of(emission: Emission, problem: DecisionProblem, rng: Any) -> Signals:
-    """Return the signals of a sensor over the problem's states; raise `InputError` where it has other states.
+    """Return the signals of a sensor over the problem's states; raise `InputError` where its states differ.
 
-    A Gaussian sensor whose states differ along one line reports a cell of the number that matters, with the exact chances of
-    the cells. Any other reports one of the signals drawn from all states alike, weighed by their densities.
+    For a Gaussian sensor whose states differ along one line, a signal is a cell of the sufficient statistic, with exact cell
+    probabilities. Any other sensor reports one of the signals drawn equally from all states, weighted by their densities.
     """
     if not isinstance(emission, Emission):
         raise InputError(
@@ -62,7 +62,7 @@ def _aligned(emission: Any, problem: DecisionProblem, table: Array) -> Array:
 
 
 def _line(emission: GaussianEmission) -> tuple[Array, Array] | None:
-    """Means and standard deviations of the one number that all of a signal's evidence lies in, each (X,); None without one."""
+    """Return mean and standard deviation per state of the scalar sufficient statistic, each (X,); None without one."""
     means, covariances = np.asarray(emission.means), np.asarray(emission.covariances)
     if emission.n_dims == 1:
         return means[:, 0], np.sqrt(covariances[:, 0, 0])
@@ -77,7 +77,7 @@ def _line(emission: GaussianEmission) -> tuple[Array, Array] | None:
 
 
 def _cells(means: Array, spreads: Array) -> Array:
-    """Chances (X,Y) of the cells between the steps of all states."""
+    """Return the probabilities (X,Y) of the cells between the steps of all states."""
     edges = np.unique(means[:, None] + spreads[:, None] * _STEPS)
     edges = edges[np.diff(edges, prepend=-np.inf) > tolerances.SIGNAL_CELL * spreads.min()]
     ends = (np.concatenate([[-np.inf], edges, [np.inf]]) - means[:, None]) / spreads[:, None]
@@ -90,7 +90,7 @@ def _cells(means: Array, spreads: Array) -> Array:
 
 
 def _drawn(emission: Emission, rng: np.random.Generator) -> Array:
-    """Weights (X,Y) of signals drawn from every state, as an importance sample of each state's law."""
+    """Return the weights (X,Y) of signals drawn from every state, as an importance sample of each state's law."""
     drawn = emission.sample(np.repeat(np.arange(emission.n_states), _DRAWS), rng=rng)
     logs = np.asarray(emission.log_likelihoods(drawn))
     weights = np.exp(logs - logs.max(axis=1, keepdims=True))

@@ -1,4 +1,4 @@
-"""The cost of each way of hiding to agents who learn from each other: one row a decision maker."""
+"""The cost of hiding to agents who learn from each other, one row per decision maker."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from inscrutable.saved import Saved, Summarised
 from inscrutable.worlds import Emission
 
 _KNOWN = 0.75
-"""Mean probability that the public belief gives the true state at which it counts as learned."""
+"""Mean public probability of the true state from which it counts as learned."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -27,8 +27,8 @@ class HerdingTable(Summarised, Saved):
     """Agents who learn from each other under several rules, each compared with the first.
 
     Args:
-        names: Of the rules.
-        found: What the agents come to with each.
+        names: Names of the rules.
+        found: The result under each rule.
 
     Source: `herding_table`.
 
@@ -49,13 +49,13 @@ class HerdingTable(Summarised, Saved):
         return self.found[self.names.index(name)]
 
     def frame(self) -> pd.DataFrame:
-        """Return one row a rule.
+        """Return one row per rule.
 
-        Columns: `bits`, leakage of the first agent's decision; `mean_bits`, of an agent's on average; `right`, `wrong`, `none`;
-        `learned_by`, the number of agents after which the public belief gives the true state 0.75 on average, NaN if never;
-        `truth`, what it gives it after all of them; `regret`, of all agents under the true state; `own`, the part that hiding
-        costs the agents themselves; `others`, the total regret of the others above that under the first rule: the cost of
-        hiding to them.
+        Columns: `bits`, leakage of the first agent's decision; `mean_bits`, the mean over agents; `right`, `wrong`, `none`;
+        `learned_by`, the number of agents after which the mean public probability of the true state reaches 0.75, NaN if never;
+        `truth`, that probability after all agents; `regret`, of all agents under the true state; `own`, the part due to an
+        agent's own hiding; `others`, the other agents' total regret minus that under the first rule, the cost of hiding to
+        them.
         """
         base = self.found[0].welfare - float(self.found[0].prices.sum())
         rows = []
@@ -116,14 +116,14 @@ def herding_table(
     rng: np.random.Generator | None = None,
     n_paths: int | None = None,
 ) -> HerdingTable:
-    """Return the results of social learning by the same agents under each of several rules.
+    """Return the results of social learning under each of several rules, for the same agents.
 
-    Formula: `social_learning` for every rule; simulated ones on the same random numbers.
+    Formula: `social_learning` for every rule; simulations use the same random numbers.
 
     Args:
-        problem: What every agent decides.
+        problem: Every agent's decision problem.
         emission: Every agent's sensor.
-        decision_makers: A rule for all agents by its name; the first is the one to compare with.
+        decision_makers: Rules by name, each for all agents; the first is the reference.
         n_agents: N, at least 1.
         prior: Public belief before the first decision, shape (X,); None is the uniform one.
         rng: Source of simulated paths.
@@ -132,7 +132,7 @@ def herding_table(
     Raises:
         InputError: There are no rules, or as `social_learning`.
 
-    Cost: a `social_learning` a rule.
+    Cost: one `social_learning` per rule.
 
     Source: see `social_learning`.
 

@@ -1,4 +1,4 @@
-"""Social learning: agents decide in turn on a signal of their own and on the decisions before."""
+"""Social learning: agents decide in turn, given a signal of their own and the decisions before."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from inscrutable.validation import Array
 from inscrutable.worlds import Emission
 
 _MOST_REACHED = 4096
-"""Public beliefs up to which they are all followed; where none are equal, eleven decisions between two choices lead to them."""
+"""Most reachable public beliefs for exact figures; eleven decisions between two choices reach them if none are equal."""
 
 _PATHS = 1000
 
@@ -38,35 +38,35 @@ def social_learning(
     rng: np.random.Generator | None = None,
     n_paths: int | None = None,
 ) -> SocialLearning:
-    """Return the results of agents who decide in turn, each on a signal of its own and on all decisions before.
+    """Return the results of agents who decide in turn, each given its own signal and all decisions before.
 
-    Formula: those of `SocialLearning`. The state x is drawn once; everybody knows the prior, the sensor and each rule K.
-    A cascade begins at a public belief at which K(·|π) is the same after every signal; nothing is then learned any more. Two
-    states, two choices, two symbols of accuracy p and a coin at ties: after two agents a right cascade has begun with the
-    chance p(p+1)/2, a wrong one with (1−p)(2−p)/2; in the end a right one with p(p+1)/2 / (1−p+p²).
+    Formula: those of `SocialLearning`. The state x is drawn once; all agents know the prior, the sensor and each rule K. A
+    cascade begins at a public belief at which K(·|π) is the same after every signal; learning then ends. Example with two
+    states, two choices, two symbols of accuracy p and a coin at ties: after two agents a right cascade has begun with
+    probability p(p+1)/2, a wrong one with probability (1−p)(2−p)/2; the limit of the former is p(p+1)/2 / (1−p+p²).
 
     Args:
-        problem: What every agent decides, with X states.
+        problem: Every agent's decision problem, with X states.
         emission: Every agent's sensor over the X states; signals are independent given the state.
-        decision_maker: Every agent's rule, or a sequence with one for each; it decides by the private belief alone. None is
+        decision_maker: Every agent's rule, or a sequence of one rule per agent; it depends on the private belief alone. None is
             `OriginalDecisionMaker(problem)`; in a `FiniteProblem` it tosses a fair coin among tied choices.
             `CoinDecisionMaker.response` is ε-randomised response.
         n_agents: N, at least 1.
         prior: Public belief before the first decision, shape (X,); None is the uniform one.
-        rng: Source of simulated paths; without it only what is exact is returned.
-        n_paths: Simulated paths, at least 1. None is exact where at most 4,096 public beliefs can be reached and the sensor has
-            symbols, else 1,000 paths; a number always simulates.
+        rng: Source of simulated paths; without it only exact results are possible.
+        n_paths: Simulated paths, at least 1. None: exact for sensors with symbols and at most 4,096 reachable public beliefs,
+            else 1,000 paths. A number always simulates.
 
     Returns:
-        A `SocialLearning`, whose status says whether it is exact. Gaussian signals are rounded to a fifth of a standard
-        deviation or less where one number holds their evidence; other sensors report one of 500 signals drawn from each state.
+        A `SocialLearning`, whose status says whether it is exact. Gaussian signals with a scalar sufficient statistic are
+        rounded to a fifth of a standard deviation or less; other sensors report one of 500 signals drawn from each state.
 
     Raises:
         InputError: An argument is malformed, states differ in number or labels, a decision maker has a memory or another
             problem, or there is no `rng` where paths must be simulated.
 
-    Cost: exact, one decision for each public belief and signal, and a sparse product an agent; simulated, a decision for each
-    agent, distinct public belief and signal.
+    Cost: exact: one decision per public belief and signal, and one sparse product per agent. Simulated: one decision per agent,
+    distinct public belief and signal.
 
     Source: Bikhchandani, Hirshleifer and Welch, A theory of fads, fashion, custom, and cultural change (1992); Smith and
     Sørensen, Pathological outcomes of observational learning (2000); Liu and Rahimian (arXiv
@@ -104,7 +104,7 @@ def social_learning(
 
 
 def _rules(problem: DecisionProblem, given: Any, count: int) -> list[PlaysMany]:
-    """One decision maker for each agent; raise `InputError` for one that cannot decide on the problem's beliefs."""
+    """Return one decision maker per agent; raise `InputError` for one that cannot decide on the problem's beliefs."""
     if given is None:
         given = OriginalDecisionMaker(problem)
     rules = list(given) if isinstance(given, (list, tuple)) else [given] * count
@@ -120,7 +120,7 @@ def _rules(problem: DecisionProblem, given: Any, count: int) -> list[PlaysMany]:
 def simulated(
     agents: Sequence[Deciding], prior: Array, n_paths: int, status: HerdStatus, rng: np.random.Generator
 ) -> SocialLearning:
-    """Return the figures of agents who decide in turn, over paths with a true state drawn from the prior."""
+    """Return the simulated figures of agents who decide in turn, with true states drawn from the prior."""
     n_states, path = len(prior), np.arange(n_paths)
     states = rng.choice(n_states, size=n_paths, p=prior / prior.sum())
     beliefs = np.tile(prior, (n_paths, 1))
@@ -148,7 +148,7 @@ def simulated(
 
 
 def _outcomes(found: TurnOutcomes, node: np.ndarray, states: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """An outcome for each path (P,), drawn from the law of the decision in its true state."""
+    """Draw an outcome for each path (P,), from the law of the decision in its true state."""
     n_nodes, n_states = found.regrets.shape
     place, state = np.nonzero(found.chances > 0)
     rows = state * n_nodes + found.origin[place]

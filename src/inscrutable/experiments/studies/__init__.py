@@ -1,4 +1,4 @@
-"""Studies: grids of markets, decision makers, budgets and adversaries that outgrow an afternoon, or a machine."""
+"""Studies: grids of markets, decision makers, budgets and observers, resumable and distributed."""
 
 from inscrutable.experiments.studies.runner import StudyProgress, resume_study, run_study
 from inscrutable.experiments.studies.study import Study, StudyStatus

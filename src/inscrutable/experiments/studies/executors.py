@@ -1,7 +1,7 @@
-"""Ways of doing tasks: in this process, in several on this machine, or on a Dask cluster that a user already has.
+"""Executors of tasks: this process, several processes on this machine, or an existing Dask cluster.
 
-Tasks go out in chunks that take about a second, whatever a task takes, so that handing them out costs next to nothing and a
-kill loses no more than the seconds under way. Chunks change no result.
+Tasks run in chunks of about one second, so the overhead is small and a kill loses at most the chunks in progress. Chunks do not
+affect results.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def _through_joblib(jobs: int, work: Work, chunks: Chunks, keep: Keep) -> None:
 
 
 class _Alone:
-    """Does tasks that were out when a worker was lost, in one process after another: so the one at fault is known."""
+    """Repeats the tasks of a lost worker one process at a time, which identifies the task at fault."""
 
     def __init__(self, work: Work) -> None:
         self._work = work

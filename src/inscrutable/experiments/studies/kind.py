@@ -1,4 +1,4 @@
-"""What makes a kind of study: what its file may hold, which tasks it has, and who does them."""
+"""A kind of study: the layout of its file, its tasks, and their runner."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kinds of study: what a file of each may hold, which tasks it has, and who does them.
+"""The kinds of study: the layout of each kind's file, its tasks, and their runner.
 
 A file names its kind; it can name none but these, so that a study file stays plain data.
 """

@@ -176,8 +176,8 @@ class BudgetSection(Section):
     """What is spent on privacy.
 
     Units: "relative" is a share of |c*| at every belief, the paper's; "regret" the cost's own unit; "silence" a share of
-    the silence regret r₀; "cost" a share of E|c*|. `hold` says where it holds: "each", for every belief, or "mean": every
-    decision maker is made to spend the same expected regret.
+    the silence regret r₀; "cost" a share of E|c*|. `hold` is "each": the budget holds at every belief; or "mean": every
+    decision maker spends the same expected regret.
     """
 
     values: Grid[NonNegative] = (0.1,)

@@ -1,4 +1,4 @@
-"""What the rows of a study come to: each figure's mean over the repeats, its interval and its spread."""
+"""Summary of a study's rows: each figure's mean over the repeats, its interval and its spread."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Which decision maker hides best at one expected regret, and which protection holds there, as costs at one budget may
-differ many times over."""
+"""The ranking of decision makers at equal expected regret, and the verdict on hiding there."""
 
 from __future__ import annotations
 
@@ -66,9 +65,9 @@ def ranking(means: StudyMeans, setting: int, budget: float | None, figure: int) 
     """Return who hides best by a figure, of those that take a budget and those that take none.
 
     Where costs differ by more than `SAME_COST`, all are compared at the least regret that a decision maker with the budget
-    spends. One that spends more is taken between its own plays there, or between one of them and the optimal decision, tossing
-    a coin that observers see: means then mix in proportion, and errors by their squares. One that cannot spend so little is
-        left out.
+    spends. A decision maker that spends more is interpolated to that regret by a public randomisation between two of its own
+    plays, or between one and the optimal decision: means mix linearly, errors by their squares. One that cannot spend so little
+    is left out.
     """
     measured = means.mean[setting, :, figure]
     plays = [p for p, each in enumerate(means.budgets) if each in (None, budget) and not np.isnan(measured[p])]

@@ -1,4 +1,4 @@
-"""A study: what it asks, and, once it was run, its rows."""
+"""A study: its plan and, after a run, its rows."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Study(Summarised):
     """A grid of markets, decision makers, budgets and adversaries, and its rows of results.
 
     Args:
-        plan: What is asked, validated; `Study.read` and `Study.of` make it.
+        plan: The validated plan; `Study.read` and `Study.of` make it.
         folder: Where its rows are; None before it was run.
         base: Folder in which the file of returns is looked for.
         data_hash: SHA-256 of the returns that worlds are fitted to; None where there are none.
@@ -209,7 +209,7 @@ class Study(Summarised):
         return protection(found, found.first_setting(), found.middle_budget)
 
     def cautions(self) -> list[str]:
-        """Return what is to be known beside a verdict: measures of a user's own are sought among candidates alone."""
+        """Return cautions on a verdict: user-defined measures are maximised over candidates alone."""
         makers = getattr(self.plan, "decision_makers", ())
         own = {goal for each in makers for goal in getattr(each, "goal", ()) if goal in getattr(each, "own", {})}
         if not own:

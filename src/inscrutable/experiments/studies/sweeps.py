@@ -19,7 +19,7 @@ class Curve:
     """One line of a figure.
 
     Args:
-        name: What tells it from others.
+        name: Its label.
         maker: The decision maker.
         settings: The setting at each value of the axis; None where there is none.
     """

@@ -187,7 +187,7 @@ def own_world(extension: Extension, chosen: Mapping[str, Any]) -> Regimes:
 
 
 def own_problem(extension: Extension, chosen: Mapping[str, Any], regimes: Regimes) -> DecisionProblem:
-    """Return a decision problem of a user's own."""
+    """Return a user-defined decision problem."""
     found: DecisionProblem = own_part(extension, {"means": regimes.means, "covariances": regimes.covariances}, chosen)
     return found
 

@@ -1,4 +1,4 @@
-"""Data to start from, and the user's own files: embedded returns, readers that name what is wrong, whole-file writers."""
+"""Embedded data sets, readers of a user's files with precise errors, and atomic writers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A user's CSV as text cells that know their line and column, and the numbers in them."""
+"""A user's CSV as text cells with line and column, and the numbers in them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}", re.ASCII)
 
 
 FORMULA = re.compile("'*[=+@-]")
-"""What a spreadsheet would take for a formula, also after apostrophes, so that one more is recognised and removed."""
+"""Prefixes that a spreadsheet reads as a formula, also after apostrophes, so that an added one is recognised and removed."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class TextTable:
     rows: tuple[tuple[str, ...], ...]
 
     def place(self, row: int, column: int) -> str:
-        """File, line and column of one cell, the way every message starts."""
+        """Return file, line and column of one cell, the start of every message."""
         name = f"{self.header[column]!r}" if self.header[column] else f"{column + 1} (unnamed)"
         return f"{self.path}, line {self.lines[row]}, column {name}"
 
@@ -83,13 +83,13 @@ def read_text_table(path: str | os.PathLike[str]) -> TextTable:
 
 
 def _separator(text: str) -> str:
-    """What separates the cells: commas, or what stands in a header without them."""
+    """Return the separator of cells: a comma, or the one in a header without commas."""
     header = next(line for line in text.splitlines() if line.strip())
     return "," if "," in header else next((each for each in ";\t|" if each in header), ",")
 
 
 def _with_points(table: TextTable) -> TextTable:
-    """A table with decimal points in place of decimal commas, which are either in all numbers or in none."""
+    """Return a table with decimal points instead of decimal commas, which must be in all numbers or in none."""
     places = [(row, column) for row, cells in enumerate(table.rows) for column in range(len(cells))]
     commas = [(row, column) for row, column in places if _COMMA.fullmatch(table.rows[row][column])]
     if not commas:
@@ -114,7 +114,7 @@ def _with_points(table: TextTable) -> TextTable:
 
 
 def _unescaped(cell: str) -> str:
-    """A cell without blanks around it and without the apostrophe that keeps spreadsheets from taking it for a formula."""
+    """Return a cell without surrounding blanks and without the apostrophe that protects it in spreadsheets."""
     text = cell.strip()
     return text[1:] if text.startswith("'") and FORMULA.match(text) else text
 
@@ -144,12 +144,12 @@ def is_number(text: str) -> bool:
 
 
 def is_missing(text: str) -> bool:
-    """Whether a cell is empty or one of the usual words for nothing."""
+    """Whether a cell is empty or one of the usual words for a missing value."""
     return text.lower() in _MISSING
 
 
 def shown(text: str) -> str:
-    """A cell's text as a message quotes it, cut where it is long."""
+    """Return a cell's text as quoted in messages, truncated if long."""
     return repr(text if len(text) <= _SHOWN else text[: _SHOWN - 1] + "…")
 
 

@@ -41,14 +41,14 @@ def date_index(table: TextTable) -> pd.DatetimeIndex:
 
 
 def _warn_of_gaps(table: TextTable, days: Sequence[datetime]) -> None:
-    """Name the rows that are missing between the usual steps."""
+    """Log a warning of rows missing between the usual steps."""
     missing = missing_steps(days)
     if missing:
         _LOGGER.warning("%s has %s", table.path, missing)
 
 
 def label_index(table: TextTable) -> pd.Index:
-    """The first column as dates if all of it reads as dates, else as text; no label may be blank or come twice."""
+    """Return the first column as dates if all cells are dates, else as text; labels must be nonblank and distinct."""
     seen: dict[str, int] = {}
     for row, cells in enumerate(table.rows):
         label = cells[0]
@@ -73,9 +73,9 @@ def is_date(text: str) -> bool:
 
 
 def _reading(table: TextTable, *, increasing: bool) -> list[datetime] | None:
-    """The dates of the one notation that reads the whole column; None if none does.
+    """Return the dates in the one notation that parses the whole column; None without one.
 
-    01/02/2020 is read by the order that fits every row: no thirteenth month and, where asked, increasing dates.
+    The order of 01/02/2020 is the one that fits every row: months up to 12 and, if required, increasing dates.
     """
     cells = [row[0] for row in table.rows]
     readings: list[list[datetime]] = []
@@ -94,7 +94,7 @@ def _reading(table: TextTable, *, increasing: bool) -> list[datetime] | None:
 
 
 def _unreadable(table: TextTable) -> InputError:
-    """The error for the first cell that stops the notation which comes furthest."""
+    """Return the error for the first cell that the best notation cannot parse."""
     cells = [row[0] for row in table.rows]
     stops = [
         next((row for row, text in enumerate(cells) if notation(text) is None), len(cells)) for notation in _NOTATIONS
@@ -142,7 +142,7 @@ def _month_first(text: str) -> datetime | None:
 
 
 def _day(year: str, month: str, day: str | None) -> datetime | None:
-    """The date, at the month's end where no day is written; None where the calendar has no such day."""
+    """Return the date, at the month's end if no day is written; None for a day that does not exist."""
     if int(year) not in _YEARS or not 1 <= int(month) <= 12:
         return None
     last = calendar.monthrange(int(year), int(month))[1]

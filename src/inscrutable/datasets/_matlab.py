@@ -1,4 +1,4 @@
-"""Reading the tables of a MATPOWER case: assignments of numbers are read, code is refused."""
+"""Read the tables of a MATPOWER case: assignments of numbers only; code raises an error."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ _SHOWN = 40
 
 
 class CaseTable(NamedTuple):
-    """A table of a case: its numbers, and the line of the file in which each row stands."""
+    """A table of a case: its numbers, and the line of each row in the file."""
 
     values: Array  # (rows, columns)
     lines: tuple[int, ...]
 
 
 def read_case(path: PathLike, needed: Mapping[str, int]) -> tuple[dict[str, CaseTable], set[str]]:
-    """Return the tables of a case by name, and the names of everything else that it holds.
+    """Return the tables of a case by name, and the names of all its other variables.
 
     Args:
         path: The file.
         needed: The tables to read, each with its least number of columns; a scalar is a table of one number.
 
     Raises:
-        InputError: The file cannot be read, holds code, or a table is malformed; the line is named.
+        InputError: The file cannot be read, contains code, or a table is malformed; the message names the line.
     """
     source = path_of(path, "a MATPOWER case")
     text = _plain_text(source)
@@ -52,7 +52,7 @@ def read_case(path: PathLike, needed: Mapping[str, int]) -> tuple[dict[str, Case
 
 
 def _plain_text(source: Path) -> str:
-    """The text without comments and continuations, every line in its place."""
+    """Return the text without comments and continuations; line numbers stay."""
     try:
         if source.is_file() and source.stat().st_size > _MOST_BYTES:
             raise InputError(f"{source} has {source.stat().st_size} bytes, more than any MATPOWER case")
@@ -96,7 +96,7 @@ def _without_comment(line: str) -> str:
 
 
 def _assignments(text: str, source: Path) -> Iterator[tuple[str, str, int]]:
-    """Names, what is assigned to them, and the lines where that begins."""
+    """Return names, their values, and the lines where the values begin."""
     place = 0
     while True:
         place += len(text[place:]) - len(text[place:].lstrip(" \t\r\n;,"))

@@ -12,8 +12,8 @@ def load_daily_returns() -> pd.DataFrame:
     """Load simple daily returns of 20 stocks of the S&P 500, 1990-01-03 to 2022-12-28, labels kept.
 
     r_t = P_t / P_{t-1} - 1 from adjusted closing prices, as fractions, not annualised. The prices are skfolio's
-    `load_sp500_dataset`, which is part of that package and needs no network. The twenty companies were chosen
-    with hindsight: fit for trying things out, not for judging an investment.
+    `load_sp500_dataset`, which is part of that package and needs no network. The twenty companies were chosen with hindsight:
+    use the data for tests, not to evaluate an investment.
 
     Returns:
         (8312,20), a DatetimeIndex of trading days, ticker symbols as columns.

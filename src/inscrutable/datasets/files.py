@@ -1,4 +1,4 @@
-"""Writing results: whole files, and the same data give the same bytes."""
+"""Write results: atomically, and equal data give equal bytes."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from inscrutable.files import PathLike, remove, unwritten, whole_file
 
 
 def write_table(frame: pd.DataFrame, path: PathLike) -> None:
-    """Write a frame as CSV with every float in full, so that reading it gives the same numbers bit for bit.
+    """Write a frame as CSV with every float in full, so that reading it gives identical numbers.
 
     Args:
         frame: Any frame; its index becomes the first column, NaN an empty cell. UTF-8, commas, lines end in ``\\n``. Text that
-            a spreadsheet would take for a formula, since it begins with = + - or @, is written after an apostrophe; the
-            readers of this package drop it.
+            a spreadsheet would read as a formula, because it begins with = + - or @, gets an apostrophe, which this package's
+            readers drop.
         path: The file to create or replace, whole or not at all.
 
     Raises:
@@ -52,7 +52,7 @@ def write_table(frame: pd.DataFrame, path: PathLike) -> None:
 
 
 def escaped(label: Any) -> Any:
-    """Return text so that no spreadsheet takes it for a formula; what is no text stays as it is."""
+    """Return text that no spreadsheet reads as a formula; other values unchanged."""
     return f"'{label}" if isinstance(label, str) and FORMULA.match(label) else label
 
 
@@ -66,8 +66,8 @@ def write_json(data: Any, path: PathLike) -> None:
         path: The file to create or replace, whole or not at all.
 
     Raises:
-        InputError: Something has no JSON form (said with its place in the data), two keys become the same text, or
-            the file cannot be written.
+        InputError: A value has no JSON form (the message names its place), two keys become the same text, or the file cannot be
+            written.
 
     Cost: O(size of the data).
 
@@ -94,7 +94,7 @@ def output_folder(path: PathLike) -> Path:
         path: The folder for results. Files in it stay.
 
     Returns:
-        The folder. A file was created in it and removed again, so writing is known to work before a long run.
+        The folder. A test file was created and removed, so a long run starts only in a writable folder.
 
     Raises:
         InputError: The folder cannot be created or written to (a file in its place, read-only, disk full), with the
@@ -131,7 +131,7 @@ def _write_text(text: str, path: PathLike) -> None:
 
 
 def _plain(value: Any, place: str) -> Any:
-    """The JSON form of `value`; `place` is how an error names it, as one would write it in Python."""
+    """Return the JSON form of `value`; `place` is its name in errors, in Python notation."""
     if isinstance(value, Enum):
         return _plain(value.value, place)
     if value is None or value is pd.NaT or value is pd.NA:

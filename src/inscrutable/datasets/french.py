@@ -1,6 +1,6 @@
 """Twelve US industry portfolios, the market and the riskless rate, monthly 1949-01 to 2017-03, shipped with the package.
 
-Where the file comes from and what was kept of it stands beside it in ``PROVENANCE.md``.
+``PROVENANCE.md`` beside the file states its source and the selection.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ INDUSTRIES = MappingProxyType(
         "Other": "Other",
     }
 )
-"""The library's short name of each industry, which is the column label, and what it stands for."""
+"""The data library's short name of each industry, which is the column label, and its full name."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class IndustryReturns:
     provenance: str
 
     def summary(self) -> str:
-        """Say in two lines what the data cover and where they come from."""
+        """Return coverage and source of the data as two lines."""
         first, last = self.returns.index[0], self.returns.index[-1]
         size = f"{self.returns.shape[1]} industries, {len(self.returns)} months"
         return f"{size} ({first:%Y-%m} to {last:%Y-%m}), simple monthly returns, raw\n{self.provenance}"

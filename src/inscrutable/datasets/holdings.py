@@ -1,4 +1,4 @@
-"""Holdings as they come: dollars, shares and prices, percentages, blanks, cash, other tickers; made the weights of a model."""
+"""Convert holdings (dollars, shares and prices, percentages, with blanks, cash and other tickers) to weights of a model."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _AMOUNT = re.compile(
 )
 _NEAR = 0.6
 _MOST_LEFT_OUT = 0.5
-"""Share of the value outside the model from which on the weights would represent the portfolio badly."""
+"""Share of the value outside the model from which the weights represent the portfolio badly."""
 
 
 class _Cell(NamedTuple):
@@ -44,23 +44,23 @@ def read_holdings(
 ) -> WeightsTable:
     """Read holdings in any unit as weights of a model's assets that sum to one.
 
-    Formula: w_j = v_j / Σ v over the model's assets; cash and what is mapped to nothing is left out.
+    Formula: w_j = v_j / Σ v over the model's assets; without cash and labels mapped to "".
 
     Args:
         path: A CSV file, wide or long. Wide: one column per asset, one row per portfolio, the first column a date or label if
             its name is none of the assets. Long: the columns ticker (symbol, asset) and value (market value, dollars, weight,
             percent), or shares (quantity, units) and price (close); a column date makes several portfolios, and several rows
-            of one asset are added. Amounts may have a dollar sign, commas of thousands or a per cent sign; a blank is nothing.
-        assets: (U,) labels of the model's assets. What is missing in the file is not held.
+            of one asset are added. Amounts may have a dollar sign, thousands separators or a per cent sign; a blank is 0.
+        assets: (U,) labels of the model's assets. Assets missing in the file have weight 0.
         names: Labels in the file → labels of the model; "" leaves one out. Other labels match whatever their case.
 
     Returns:
-        A `WeightsTable`: `decimals` counts so many that rounding in the file moves a weight by no more than half a unit;
-        `left_out` is the largest share of a row's value that is not the model's, with its labels.
+        A `WeightsTable`. `decimals` is such that rounding in the file changes a weight by at most half a unit of the last
+        digit; `left_out` is the largest share of a row's value outside the model, `others` its labels.
 
     Raises:
-        InputError: With file, line and column: a cell is no amount, per cent signs stand in some cells only, a label is
-            unknown, a row has no value or a negative one that makes the sum useless, half the value or more is left out.
+        InputError: With file, line and column: a cell is not an amount, only some cells have per cent signs, a label is
+            unknown, the values of a row do not have a positive sum, or half of the value or more is outside the model.
 
     Cost: O(cells).
 
@@ -83,7 +83,7 @@ def read_holdings(
 
 
 class _Names:
-    """Which of the model's assets a label of the file stands for."""
+    """The map from labels of the file to the model's assets."""
 
     def __init__(self, table: TextTable, assets: list[str], given: dict[str, str]) -> None:
         self._table, self.assets, self._given = table, assets, given
@@ -96,7 +96,7 @@ class _Names:
         self.left_out: list[str] = []
 
     def place(self, label: str, where: str) -> int | None:
-        """The number of an asset, None for cash and what is left out."""
+        """Return the index of an asset; None for cash and labels left out."""
         if label in self._given:
             asset = self._given[label]
         elif label in self.assets:
@@ -194,7 +194,7 @@ def _long(
 
 
 def _portfolios(table: TextTable) -> tuple[pd.Index, list[int]]:
-    """The different dates of the first column, in their order, and which of them each row has."""
+    """Return the distinct dates of the first column, in order, and each row's index into them."""
     first: dict[str, int] = {}
     for row, cells in enumerate(table.rows):
         first.setdefault(cells[0], row)
@@ -264,13 +264,13 @@ _MOST_GROSS = 100.0
 
 
 def read_map(path: str | os.PathLike[str]) -> dict[str, str]:
-    """Read which label of a file of holdings stands for which asset: a CSV with the columns name and asset.
+    """Read the map from labels of a file of holdings to assets: a CSV with the columns name and asset.
 
     Args:
         path: The file; a blank asset leaves a name out.
 
     Raises:
-        InputError: The columns have other names, or a name is blank or stands twice.
+        InputError: The columns have other names, or a name is blank or duplicated.
 
     Example:
         >>> from pathlib import Path

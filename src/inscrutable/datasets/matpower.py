@@ -1,4 +1,4 @@
-"""Networks of a reader's own: MATPOWER cases, and the tables of other packages that have their layout."""
+"""Networks from MATPOWER cases, and from tables of other packages in the same layout."""
 
 from __future__ import annotations
 
@@ -17,41 +17,41 @@ from inscrutable.problems.power_network import PowerNetwork
 from inscrutable.validation import Array
 
 Convention = Literal["powermodels", "matpower"]
-"""How lines are approximated: as PowerModels.jl does, or as MATPOWER does."""
+"""The linear approximation of lines: that of PowerModels.jl or that of MATPOWER."""
 
 _NEEDED = {"version": 1, "baseMVA": 1, "bus": 5, "gen": 10, "branch": 11, "gencost": 5, "dcline": 3}
 _UNSUPPORTED = ("A", "l", "u", "N", "H", "Cw", "fparm", "reserves", "softlims", "if", "iflims")
-"""Parts of a case that limit or price what a dispatch here does not know."""
+"""Parts of a case that this dispatch problem does not support."""
 _ISOLATED = 4
 _PIECES, _POLYNOMIAL = 1, 2
 _WIDEST = np.radians(60.0)
-"""What PowerModels.jl allows angles to differ by where a case says nothing, or 90 degrees and more."""
+"""Default limit of angle differences in PowerModels.jl, where a case has none, or 90 degrees and more."""
 _RIGHT_ANGLE = 90.0
 
 
 def load_matpower(path: PathLike, *, convention: Convention = "powermodels") -> PowerNetwork:
     """Return the network of a MATPOWER case file, version 2.
 
-    Formula: with convention "powermodels" a line carries b (θ_f − θ_t), b = x/(r² + x²); taps and shifts are ignored, a line
-    without reactance carries nothing, and angles differ by at most 60° where the case says nothing, or 90° and more. Parallel
-    transformers that point different ways are turned as PowerModels does, here as the last of them: r and x of one that is
-    turned are multiplied by its tap squared. With "matpower" it carries (θ_f − θ_t − φ)/(x·tap), and angles are limited where
-    the case says so alone.
+    Formula: the flow of a line is linear in the bus angles θ, by convention:
 
-    Elements out of service and isolated buses are left out. Conductances Gs of shunts are loads. A limit of 0 is none. Buses
-    have the case's own numbers as labels. A generator whose cost is piecewise linear stands as one block per piece, each a
-    unit of its own at the same bus, as it bids.
+    - "powermodels": b (θ_f − θ_t), b = x/(r² + x²). Taps and shifts are ignored; a line without reactance has no flow; angles
+      differ by at most 60° where the case has no limit, or one of 90° and more. Parallel transformers of opposite orientation
+      get the orientation of the last one; r and x of a reversed one are multiplied by its squared tap.
+    - "matpower": (θ_f − θ_t − φ)/(x·tap). Angles are limited only where the case has limits.
+
+    Elements out of service and isolated buses are left out. Shunt conductances Gs are loads. A limit of 0 means no limit.
+    Labels of buses are the case's numbers. A generator with piecewise linear costs becomes one unit per piece at the same bus.
 
     Args:
-        path: The file, as `savecase` writes it: numbers alone. Code in it is refused, not run.
+        path: The file, as `savecase` writes it: numbers only. Code in it raises an error and is not run.
         convention: "powermodels" or "matpower".
 
     Returns:
         A network for `dispatch_problem`.
 
     Raises:
-        InputError: The file cannot be read, holds code, lines of direct current in service or constraints of a user's own, or
-            a table is malformed; the line is named.
+        InputError: The file cannot be read, or contains code, DC lines in service or user-defined constraints, or a table is
+            malformed; the message names the line.
         ModelError: A cost is not convex, or of a degree above two.
 
     Cost: O(size of the file). Source: MATPOWER's manual, appendix B and section 6.2; Coffrin et al., PowerModels.jl (Power
@@ -99,7 +99,7 @@ def load_matpower(path: PathLike, *, convention: Convention = "powermodels") -> 
 
 
 def checked_convention(convention: str) -> None:
-    """Raise `InputError` for a convention that there is not."""
+    """Raise `InputError` for an unknown convention."""
     if convention not in get_args(Convention):
         raise InputError(f"convention must be one of {few(get_args(Convention))}, got {convention!r}")
 
@@ -109,15 +109,15 @@ class CaseTables:
     """The tables baseMVA, bus, gen, branch and gencost in MATPOWER's layout.
 
     Args:
-        source: What they are of, in messages.
-        tables: By name.
+        source: Name of the source in messages.
+        tables: The tables by name.
     """
 
     source: str
     tables: dict[str, CaseTable]
 
     def network(self, convention: Convention) -> PowerNetwork:
-        """Return the network; raise what is wrong with a row by its line."""
+        """Return the network, or raise the error of a row with its line."""
         base = self._base()
         labels, loads = self._buses()
         generators = self._in_service("gen", 7, (0,), labels)
@@ -138,7 +138,7 @@ class CaseTables:
             raise InputError(f"{self.source}: {error}") from None
 
     def _at(self, name: str, row: int) -> str:
-        """Where a row stands."""
+        """Return the place of a row, for messages."""
         lines = self.tables[name].lines
         return f"{self.source}, line {lines[row]}" if lines else f"{self.source}, {name} row {row}"
 
@@ -166,7 +166,7 @@ class CaseTables:
         return [int(label) for label in kept[:, 0]], kept[:, 2] + kept[:, 4]
 
     def _in_service(self, name: str, status: int, ends: tuple[int, ...], labels: list[int]) -> list[int]:
-        """Numbers of the rows that are in service and at no isolated bus."""
+        """Return the indices of rows that are in service and at no isolated bus."""
         values = self.tables[name].values
         isolated = {row[0] for row in self.tables["bus"].values if row[1] == _ISOLATED}
         known = set(labels)
@@ -194,7 +194,7 @@ class CaseTables:
             )
 
     def _units(self, row: int) -> list[tuple[float, ...]]:
-        """A generator, or its blocks: bus, least and most output, a, and b with c."""
+        """Return a generator, or its blocks: bus, minimum and maximum output, cost coefficients."""
         self._check_numbers("gen", [row], (8, 9))
         values, costs = self.tables["gen"].values[row], self.tables["gencost"].values
         bus, most, least = int(values[0]), float(values[8]), float(values[9])
@@ -223,7 +223,7 @@ class CaseTables:
         return self._blocks(row, (bus, least, most), given.reshape(-1, 2))
 
     def _blocks(self, row: int, unit: tuple[int, float, float], points: Array) -> list[tuple[float, ...]]:
-        """A generator of piecewise linear costs: its least output with the first piece, then each piece's width."""
+        """Return a generator with piecewise linear costs as blocks: minimum output plus first piece, then other pieces."""
         bus, least, most = unit
         if len(points) < 2 or (np.diff(points[:, 0]) <= 0).any():
             raise InputError(
@@ -243,14 +243,14 @@ class CaseTables:
         return found + [(bus, 0.0, float(ends[k] - starts[k]), 0.0, float(slopes[k]), 0.0) for k in kept[1:]]
 
     def _lines(self, rows: list[int], convention: Convention, base: float) -> tuple[np.ndarray, Array]:
-        """Ends (L,2) and reactance, least and most flow, driven flow (L,4)."""
+        """Return ends (L,2), and reactance, minimum and maximum flow and shift flow (L,4)."""
         values = self.tables["branch"].values
         said = (2, 3, 5, 8, 9) if values.shape[1] < 13 else (2, 3, 5, 8, 9, 11, 12)
         self._check_numbers("branch", rows, said)
         angles = np.zeros((len(values), 2)) if values.shape[1] < 13 else values[:, 11:13]
         pointing = {
             frozenset(values[row, :2]): values[row, 0] for row in rows
-        }  # from where the last of parallel ones starts
+        }  # start bus of the last of parallel ones
         ends, data = [], []
         for row in rows:
             start, end, r, x, rate, tap, shift = values[row, [0, 1, 2, 3, 5, 8, 9]]
@@ -274,7 +274,7 @@ class CaseTables:
 
 
 def _line(values: tuple[float, ...], degrees: Array, convention: Convention, base: float) -> tuple[float, ...]:
-    """Reactance, least and most flow, and driven flow of one line."""
+    """Return reactance, minimum and maximum flow, and shift flow of one line."""
     r, x, rate, tap, shift = values
     least, most = np.radians(degrees)
     if convention == "powermodels":

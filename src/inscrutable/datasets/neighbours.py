@@ -13,22 +13,22 @@ from inscrutable.axes import few
 from inscrutable.errors import InputError
 
 _CASH = ("cash", "usdollar")
-"""What cvxportfolio calls its last column: the account that is no asset."""
+"""cvxportfolio's name of its last column, the cash account."""
 
 
 def weights_of(given: Any) -> pd.DataFrame:
     """Return the weights of other packages as `attack_weights` and `audit` read them: one row per decision.
 
-    Formula: PyPortfolioOpt's mapping from asset to weight is one row. Riskfolio's frame has one row per asset, its index, and a
-    column per portfolio, here rows. cvxportfolio's result, or its frame `w`, has one row per time; a column of cash is dropped
-    where it is zero. A Series is one row.
+    Formula: PyPortfolioOpt's mapping from asset to weight becomes one row. Riskfolio's frame has one row per asset and one
+    column per portfolio, and is transposed. cvxportfolio's result, or its frame `w`, has one row per time; a zero column of
+    cash is dropped. A Series becomes one row.
 
     Args:
         given: The object.
 
     Raises:
-        InputError: It is none of these, a weight is no finite number, labels stand twice, or cash is held, which is no asset of
-            a portfolio here.
+        InputError: `given` is none of these, a weight is not finite, labels are duplicated, or cash is held, which is not an
+            asset here.
 
     Cost: O(cells). Source: the packages' documents.
 

@@ -24,11 +24,11 @@ _LINES, _CLOSED = ("lines", "transformers"), ("links", "stores", "storage_units"
 def from_pandapower(net: Any, *, convention: Convention = "matpower") -> PowerNetwork:
     """Return the network of a pandapower net, as pandapower converts it for its optimal flow.
 
-    Formula: as `load_matpower`, of the case that `to_ppc(net, mode="opf")` of `pandapower.converter.pypower` gives.
+    Formula: that of `load_matpower`, for the case from `to_ppc(net, mode="opf")` of `pandapower.converter.pypower`.
 
     Args:
-        net: The net, with limits and costs of its generators. Buses keep its indices; of buses that closed switches join, the
-            first.
+        net: The net, with limits and costs of its generators. Buses keep its indices; buses joined by closed switches have the
+            index of the first.
         convention: As for `load_matpower`; pandapower's own is "matpower".
 
     Returns:
@@ -54,7 +54,7 @@ def from_pandapower(net: Any, *, convention: Convention = "matpower") -> PowerNe
         raise InputError("a pandapower net needs pandapower: pip install pandapower") from None
     try:
         case = converter.to_ppc(net, calculate_voltage_angles=True, init="flat", mode="opf")
-    except Exception as error:  # any error of pandapower for a net that it cannot convert
+    except Exception as error:  # any error that pandapower raises for a net
         raise InputError(f"pandapower cannot convert the net: {type(error).__name__}: {error}") from None
     values = {name: np.real(np.asarray(case[name])).astype(np.float64) for name in _TABLES if name in case}
     for name in _TABLES:
@@ -67,14 +67,14 @@ def from_pandapower(net: Any, *, convention: Convention = "matpower") -> PowerNe
 
 
 def _name_buses(net: Any, values: dict[str, Array]) -> None:
-    """Give the converted buses the net's own indices; the first of those that are one."""
+    """Give the converted buses the net's indices; a merged bus has the first of its indices."""
     lookup = getattr(net, "_pd2ppc_lookups", {}).get("bus")
     if lookup is None:
         return
     own: dict[int, int] = {}
     for index in net.bus.index:
         own.setdefault(int(lookup[index]), int(index))
-    free = 1 + max(own.values(), default=0)  # buses that only the conversion knows
+    free = 1 + max(own.values(), default=0)  # buses that the conversion adds
     named = {int(number): own.get(int(number), free + k) for k, number in enumerate(values["bus"][:, 0])}
     for name, columns in (("bus", (0,)), ("gen", (0,)), ("branch", (0, 1))):
         for column in columns:
@@ -84,18 +84,18 @@ def _name_buses(net: Any, values: dict[str, Array]) -> None:
 def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
     """Return one snapshot of a PyPSA network.
 
-    Formula: a line carries (θ_0 − θ_1 − φ)/x with the effective per-unit reactance that PyPSA finds.
+    Formula: the flow of a line is (θ_0 − θ_1 − φ)/x with PyPSA's effective per-unit reactance.
 
     Args:
-        network: The network. Buses keep their names; what is not active is left out.
-        snapshot: Which of its snapshots; None is the first.
+        network: The network. Buses keep their names; inactive elements are left out.
+        snapshot: One of its snapshots; None is the first.
 
     Returns:
         A network for `dispatch_problem`.
 
     Raises:
-        InputError: It is no PyPSA network, has no such snapshot, or has links, stores or storage units in service, or
-            capacities to be extended: a dispatch here knows none.
+        InputError: `network` is not a PyPSA network, has no such snapshot, or has links, stores or storage units in service or
+            extendable capacities, which the dispatch problem does not support.
 
     Cost: O(elements). Source: Brown, Hörsch, Schlachtberger, PyPSA (Journal of Open Research Software 6, 2018).
 
@@ -158,7 +158,7 @@ def _check_fixed(table: Any, key: str, what: str) -> None:
 
 
 def _at(network: Any, name: str, key: str, snapshot: Any) -> Series:
-    """An attribute of all elements of a kind at a snapshot, whether it varies or not."""
+    """Return an attribute of all elements of a kind at a snapshot, static or time-varying."""
     static, varying = getattr(network, name)[key], getattr(network, f"{name}_t")[key]
     found = static.astype(float).copy()
     if len(varying.columns):
@@ -167,7 +167,7 @@ def _at(network: Any, name: str, key: str, snapshot: Any) -> Series:
 
 
 def _branches(network: Any, snapshot: Any) -> tuple[np.ndarray, Array]:
-    """Ends (L,2) and reactance, least and most flow, driven flow (L,4) of lines and transformers."""
+    """Return ends (L,2), and reactance, minimum and maximum flow and shift flow (L,4), of lines and transformers."""
     ends: list[Any] = []
     data: list[tuple[float, ...]] = []
     for name in _LINES:

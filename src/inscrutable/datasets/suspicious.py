@@ -1,7 +1,7 @@
-"""Returns that cannot be right: sizes, repeated values, splits and gaps that no market explains, named with row and column.
+"""Tests for errors in returns: implausible sizes, repeated values, splits and gaps, with row and column.
 
-Nothing is refused or mended: a warning says where to look. Tails of real returns are fat, so everything is judged against
-Student's t with three degrees of freedom, fatter than those of nearly all markets.
+They only warn and change nothing. Real returns have heavy tails, so the null law is Student's t with three degrees of freedom,
+heavier-tailed than nearly all markets.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from inscrutable.validation import Array
 
 _LISTED = 8
 _RATIOS = (2.0, 3.0, 4.0, 5.0, 10.0)
-"""What shares are split or merged by."""
+"""Ratios of share splits and mergers."""
 
 _AROUND = 24
-"""Rows whose moves give the usual move around a row."""
+"""Number of rows for the local scale around a row."""
 
 _MAD = 1.4826  # makes the median absolute deviation a standard deviation for normal data
 _MEDIAN_OF_T = 0.7649  # the median of |T|
 
 
 def suspicious_entries(returns: pd.DataFrame) -> tuple[str, ...]:
-    """Return a warning for everything in a table of returns that is surely or nearly surely an error.
+    """Return a warning for every entry of a table of returns that is almost surely an error.
 
     Args:
         returns: (T,U) finite simple returns as fractions, dates or labels as index, one column per asset.
 
     Returns:
         One sentence each, in the order: returns too large for any market, steps that look like a split, values repeated row
-        after row, gaps between dates. Empty where nothing is suspicious. On 300 rows of 12 columns of Student's t with three
+        after row, gaps between dates. Empty where no entry is suspicious. On 300 rows of 12 columns of Student's t with three
         degrees of freedom and 6 % a row, fewer than one table in a hundred give a warning.
 
     Cost: O(T U log T).
@@ -64,10 +64,9 @@ def suspicious_entries(returns: pd.DataFrame) -> tuple[str, ...]:
 
 
 def missing_steps(days: Sequence[datetime]) -> str:
-    """Say which rows are missing between increasing dates; empty where none is.
+    """Return which rows are missing between increasing dates, as text; empty if none.
 
-    Rows a month apart, a quarter, or whatever the usual step in months is, are missed by name; of denser rows gaps are named
-    that are longer than any run of holidays.
+    For steps of whole months the text names the missing months; for denser rows it names gaps longer than any run of holidays.
     """
     months = [12 * day.year + day.month - 1 for day in days]
     steps = [after - before for before, after in pairwise(months)]
@@ -83,7 +82,7 @@ def missing_steps(days: Sequence[datetime]) -> str:
         ]
         return _gap_text("no row for", missing)
     if len(steps) < _AROUND:
-        return ""  # too few rows to know the usual step
+        return ""  # too few rows to determine the usual step
     lengths = [(after - before).total_seconds() / 86400.0 for before, after in pairwise(days)]
     longest = max(tolerances.LONGEST_HOLIDAYS, 1.9 * float(np.median(lengths)))
     spans = [
@@ -102,7 +101,7 @@ def _gap_text(what: str, named: list[str]) -> str:
 
 
 def _scale(centred: Array) -> float:
-    """A robust standard deviation; of what moves at all where more than half of a column does not."""
+    """Return a robust standard deviation; of the nonzero moves where more than half of a column is zero."""
     spread = float(np.median(np.abs(centred)))
     if spread == 0.0 and centred.any():
         spread = float(np.median(np.abs(centred[centred != 0.0])))
@@ -110,7 +109,7 @@ def _scale(centred: Array) -> float:
 
 
 def _beyond_belief(values: Array, centred: Array, scale: Array) -> Array:
-    """Which returns (T,U) are too large for any market, or lose everything."""
+    """Return which returns (T,U) are too large for any market, or total losses."""
     far = np.abs(centred) > tolerances.SURELY_WRONG_MOVE * np.where(scale > 0, scale, np.inf)
     return np.asarray(far | (values > tolerances.SURELY_WRONG_RETURN) | (values <= -1.0))
 
@@ -121,12 +120,12 @@ def _size_text(returns: pd.DataFrame, row: int, column: int, scale: Array) -> st
 
 
 def _splits(values: Array) -> list[tuple[int, int]]:
-    """Cells (row, column) whose price ratio is nearly that of a split, and that no other move comes near.
+    """Return cells (row, column) whose price ratio is nearly that of a split, far from all other moves.
 
-    Moves are taken less the row's median where there are several columns, in units z of what the whole column moves, and of
-    what it moves around that time. With F(z) = P(T > z) and λ = 2 n F(m), the chance that one of n rows falls into a split's
-    window z ± w and no other row is beyond m is about n (F(z − w) − F(z + w)) e^−λ, and that in each other column at most
-    one row is beyond m, e^−λ (1 + λ). Others are those of the column, or those of the table, second largest of each column.
+    Moves are relative to the row's median if there are several columns, in units z of the column's scale and of its local
+    scale. With F(z) = P(T > z) and λ = 2 n F(m), the chance that one of n rows falls into a split's window z ± w and no other
+    row is beyond m is about n (F(z − w) − F(z + w)) e^−λ, and that in each other column at most one row is beyond m, e^−λ (1 +
+    λ). Others are those of the column, or those of the table, second largest of each column.
     """
     n_rows, n_columns = values.shape
     if n_rows < _AROUND:
@@ -154,7 +153,7 @@ def _splits(values: Array) -> list[tuple[int, int]]:
 
 
 def _split_window(ratio: float, unit: float) -> float:
-    """Share of moves, in units of `unit`, that fall near to the split that a price ratio is near to; infinite where to none."""
+    """Return the tail probability of moves within the window of the nearest split; infinite where no split is near."""
     split = _nearest_ratio(ratio)
     apart, room = abs(1.0 - split) / unit, tolerances.SPLIT_ROOM * split
     if abs(ratio - split) > room * unit or apart <= 2.0 * room:
@@ -163,12 +162,12 @@ def _split_window(ratio: float, unit: float) -> float:
 
 
 def _nearest_ratio(ratio: float) -> float:
-    """The ratio of a split, up or down, that a price ratio is nearest to."""
+    """Return the split ratio, up or down, nearest to a price ratio."""
     return min((*_RATIOS, *(1.0 / each for each in _RATIOS)), key=lambda each: abs(ratio / each - 1.0))
 
 
 def _local_scale(moves: Array, whole: Array) -> Array:
-    """Robust standard deviations (T,U) over the rows around each, at least half of the whole column's."""
+    """Return robust local standard deviations (T,U), at least half of the column's."""
     sizes = np.pad(np.abs(moves), ((_AROUND // 2, _AROUND // 2), (0, 0)), mode="reflect")
     near = np.lib.stride_tricks.sliding_window_view(sizes, 2 * (_AROUND // 2) + 1, axis=0)
     return np.asarray(np.maximum(_MAD * np.median(near, axis=-1), 0.5 * whole))
@@ -191,12 +190,12 @@ def _split_text(returns: pd.DataFrame, row: int, column: int) -> str:
 
 
 def _repeats(returns: pd.DataFrame, column: int) -> list[str]:
-    """Runs of one repeated value that are longer than chance explains where values often repeat."""
+    """Return runs of a repeated value that are longer than chance explains."""
     own = returns.iloc[:, column].to_numpy(dtype=np.float64)
     starts = np.flatnonzero(np.concatenate([[True], own[1:] != own[:-1]]))
     lengths = np.diff(np.append(starts, len(own)))
     longest = int(lengths.max())
-    # How often a value repeats elsewhere than in the longest run, as rounded values do.
+    # Frequency of repetitions outside the longest run, as in rounded values.
     often = (len(own) - len(starts) - (longest - 1)) / max(len(own) - longest, 1)
     least = tolerances.LEAST_REPEATS
     while often > 0 and often ** (least - 1) * len(own) > tolerances.SPLIT_CHANCE and least <= len(own):

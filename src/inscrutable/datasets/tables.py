@@ -1,9 +1,8 @@
-"""Readers for a user's own CSV files: labels kept, dates parsed, and every problem named with its line and column.
+"""Readers for a user's CSV files: labels kept, dates parsed, every error with its line and column.
 
-All files have one header line and UTF-8 text (a byte order mark and Windows line ends are fine). Cells stand between commas;
-where the header has none, between semicolons, tabs or bars, and numbers may then have decimal commas. Line numbers in
-messages are those of the file; the header is line 1. Blank lines are passed over, and blanks around a cell are dropped;
-otherwise labels are kept as written.
+All files have one header line and UTF-8 text (a byte order mark and Windows line ends are fine). Commas separate cells; if the
+header has none, semicolons, tabs or bars do, and numbers may then have decimal commas. Line numbers in messages are those of
+the file; the header is line 1. Blank lines are skipped, and blanks around a cell dropped; otherwise labels are kept as written.
 """
 
 from __future__ import annotations
@@ -24,8 +23,7 @@ from inscrutable.errors import InputError
 PathLike = str | os.PathLike[str]
 
 FULL_PRECISION_DIGITS = 8
-"""From this many decimals on, weights count as exact, and exact weights are trusted to so many: published weights are not
-rounded to eight digits."""
+"""From this many decimals on, weights count as exact, with this accuracy: published weights are not rounded to eight digits."""
 
 _LISTED = 8
 
@@ -37,14 +35,14 @@ def decimal_places(count: int) -> str:
 
 @dataclass(frozen=True)
 class WeightsTable:
-    """Weights as a file states them, and how many decimals they were rounded to.
+    """Weights as written in a file, and their number of decimals.
 
     Args:
         frame: (T,U) raw weights, columns in the model's order of assets; the index holds dates, labels or row numbers.
-        decimals: Largest number of decimal digits written anywhere in the file, None from eight on: a weight may be off
-            by half a unit of that digit.
-        left_out: Largest share of a row's value that is none of the model's assets, such as cash.
-        others: The labels of what was left out.
+        decimals: Largest number of decimal digits in the file, None from eight on; a weight may be off by half a unit of that
+            digit.
+        left_out: Largest share of a row's value outside the model's assets, such as cash.
+        others: The labels left out.
     """
 
     frame: pd.DataFrame
@@ -53,7 +51,7 @@ class WeightsTable:
     others: tuple[str, ...] = ()
 
     def summary(self) -> str:
-        """Say in one line how many rows of how many assets were read and how they are rounded."""
+        """Return the numbers of rows and assets and the rounding, as one line."""
         precision = "full precision" if self.decimals is None else f"rounded to {decimal_places(self.decimals)}"
         out = (
             f"; up to {self.left_out:.1%} of a row is left out ({', '.join(self.others)})" if self.left_out > 0 else ""
@@ -62,7 +60,7 @@ class WeightsTable:
 
 
 def simple_returns(prices: pd.DataFrame) -> pd.DataFrame:
-    """Turn prices into simple returns, r_t = p_t / p_{t-1} - 1.
+    """Return simple returns of prices, r_t = p_t / p_{t-1} - 1.
 
     Args:
         prices: (T,U) prices, positive and finite, in order of time.
@@ -114,7 +112,7 @@ def read_returns(path: PathLike, *, prices: bool = False) -> pd.DataFrame:
             cells, dates that are missing, unreadable, ambiguous, duplicated or not in order, prices not above 0,
             returns below -1, and returns that look like percentages or prices (most of them above 1 in size).
 
-    Cost: O(T U), about a microsecond a cell. Nothing is filled in, sorted or rescaled.
+    Cost: O(T U), about a microsecond a cell. No value is filled in, sorted or rescaled.
 
     Example:
         >>> from pathlib import Path
@@ -195,7 +193,7 @@ def read_beliefs(path: PathLike, *, names: Sequence[str] | None = None) -> pd.Da
 
 
 def read_signals(path: PathLike) -> pd.DataFrame:
-    """Read dated numbers of any kind from a CSV file: one signal a column.
+    """Read dated numbers of any kind from a CSV file, one signal per column.
 
     Args:
         path: The file. First column: strictly increasing dates, as for `read_returns`. Every other column: numbers.
@@ -233,9 +231,8 @@ def read_weights(path: PathLike, *, assets: Sequence[str]) -> WeightsTable:
         assets: (U,) labels of the model's assets.
 
     Returns:
-        `frame` (T,U) with the weights as written, in the order of `assets`: rows are not rescaled, because a rounded
-        weight is evidence and a rescaled one is neither the number published nor the one decided. `decimals` counts the
-        digits after the point in the text (0.2500 has four), None from eight on.
+        `frame` (T,U) with the weights as written, in the order of `assets`: rows are not rescaled, because the inference uses
+        the published rounding. `decimals` counts the digits after the point in the text (0.2500 has four), None from eight on.
 
     Raises:
         InputError: With file, line and column: everything `read_returns` raises about files and cells, labels that are
@@ -283,17 +280,16 @@ def read_labelled_matrix(
 
     Args:
         path: The file.
-        rows: Labels to match the rows with and to return them by, in this order; None: as in the file.
-        columns: The same of the columns.
-        is_square: Whether rows and columns have the same labels, as those of a covariance; rows are then put in the order of
-            the columns.
+        rows: Expected row labels, in the order of the result; None: as in the file.
+        columns: Expected column labels, in the same way.
+        is_square: Whether rows and columns have the same labels, as in a covariance; rows are then sorted like the columns.
 
     Returns:
         Numbers with the labels.
 
     Raises:
         InputError: With file, line and column: what `read_returns` raises about files and cells; labels that are missing,
-            unknown or stand twice.
+            unknown or duplicated.
 
     Cost: O(cells).
 
@@ -328,14 +324,14 @@ def read_labelled_matrix(
 
 
 def read_sectors(path: PathLike, *, assets: Sequence[str]) -> dict[str, list[str]]:
-    """Read which assets belong to which sector from a CSV file with the columns asset and sector.
+    """Read the sectors of assets from a CSV file with the columns asset and sector.
 
     Args:
-        path: The file; an asset may stand in several sectors, one row each.
-        assets: (U,) labels of the model's assets, which all need a sector.
+        path: The file; an asset may be in several sectors, one row each.
+        assets: (U,) labels of the model's assets; every asset needs a sector.
 
     Raises:
-        InputError: The columns have other names, an asset is unknown or has no sector, or a pair stands twice.
+        InputError: The columns have other names, an asset is unknown or has no sector, or a pair is duplicated.
 
     Cost: O(rows).
 
@@ -389,7 +385,7 @@ def _unique(labels: Sequence[str], what: str) -> list[str]:
 
 
 def _aligned(table: TextTable, wanted: Sequence[str], *, first: int, noun: str) -> list[int]:
-    """Position in the file of each wanted label."""
+    """Return the position in the file of each expected label."""
     found = list(table.header[first:])
     missing = [label for label in wanted if label not in found]
     unknown = [label for label in found if label not in wanted]

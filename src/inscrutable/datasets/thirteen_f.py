@@ -1,4 +1,4 @@
-"""Form 13F information tables: the SEC's data sets and frames as edgartools gives them, as weights of a model's assets.
+"""Form 13F information tables, from the SEC's data sets or edgartools frames, as weights of a model's assets.
 
 The SEC's FORM13F_readme says of the column VALUE: "Starting on January 3, 2023, market value is reported rounded to the nearest
 dollar. Previously, market value was reported in thousands." The date is that of the filing. Values of one filing have one unit,
@@ -20,7 +20,7 @@ from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, WeightsTable
 from inscrutable.errors import InputError
 
 IN_DOLLARS = date(2023, 1, 3)
-"""Filings from this day on state values in dollars, earlier ones in thousands of dollars."""
+"""First filing day with values in dollars; earlier filings are in thousands of dollars."""
 
 _NAMES = {
     "cusip": ("CUSIP", "Cusip", "cusip"),
@@ -34,23 +34,23 @@ _NAMES = {
 }
 _SHARES = {"sh", "shares"}
 _PRICES = (0.5, 50_000.0)
-"""Median price of a share, in dollars, below which values were thousands after all, and above which dollars."""
+"""Bounds of the median share price, in dollars: below, values were in thousands; above, in dollars."""
 
 
 def dollars_13f(table: pd.DataFrame, *, filed: date | str) -> pd.DataFrame:
-    """Return what one filing of Form 13F holds: one row per CUSIP, value in dollars, shares, ticker where given, issuer.
+    """Return the holdings of one Form 13F filing: one row per CUSIP with value in dollars, shares, issuer, and ticker if given.
 
     Formula: rows of one CUSIP (several managers) are added; values filed before 3 January 2023 are multiplied by 1000.
 
     Args:
         table: An information table, columns named as in INFOTABLE.tsv or by edgartools (`thirteenf.infotable`): CUSIP, VALUE,
-            SSHPRNAMT, SSHPRNAMTTYPE, PUTCALL. Options (put or call) and principal amounts are no holdings of a share and must
-            be left out by the caller, who then knows of them: `only_shares`.
+            SSHPRNAMT, SSHPRNAMTTYPE, PUTCALL. Options (put or call) and principal amounts are not holdings of shares: remove
+            them first, with `only_shares`.
         filed: The day of filing.
 
     Raises:
-        InputError: A column is missing, rows are of several filings, of options or principal amounts, a number is none or below
-            0, or the prices of shares that follow are a thousand times too small or large for the day of filing.
+        InputError: A column is missing, rows belong to several filings, to options or principal amounts, a number is invalid or
+            negative, or the implied share prices are a thousand times too small or large for the day of filing.
 
     Cost: O(rows). Source: the SEC's FORM13F_readme of its Form 13F Data Sets, column VALUE.
 
@@ -106,7 +106,7 @@ def dollars_13f(table: pd.DataFrame, *, filed: date | str) -> pd.DataFrame:
 
 
 def only_shares(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of an information table that are holdings of shares: no options, no principal amounts.
+    """Return the rows of an information table that are holdings of shares, without options and principal amounts.
 
     Args:
         table: As for `dollars_13f`.
@@ -135,15 +135,15 @@ def read_13f(
         path: The folder with INFOTABLE.tsv, SUBMISSION.tsv and COVERPAGE.tsv.
         cik: The manager's number.
         assets: (U,) labels of the model's assets.
-        names: CUSIP → asset; what is in no table of names is left out, and how much that is comes back. "" leaves out.
+        names: CUSIP → asset; "" and unlisted CUSIPs are left out, and the result states their share.
 
     Returns:
-        One row per quarter, by PERIODOFREPORT; options and principal amounts are left out. An amendment that restates a report
-        replaces it and what was filed before, one that adds new holdings is added.
+        One row per quarter, by PERIODOFREPORT; options and principal amounts are left out. A restating amendment replaces all
+        earlier filings of the report; an amendment with new holdings is added.
 
     Raises:
-        InputError: A file or column is missing, the manager filed no holdings, an amendment says neither, or a filing is as
-            `dollars_13f` refuses it.
+        InputError: A file or column is missing, the manager filed no holdings, an amendment states neither type, or
+            `dollars_13f` raises an error for a filing.
 
     Cost: O(rows of the files). Source: the SEC's FORM13F_readme, tables SUBMISSION, COVERPAGE, INFOTABLE.
     """

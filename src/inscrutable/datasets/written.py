@@ -1,7 +1,7 @@
-"""Which files of a folder a command wrote: those of an earlier run that the present one has no use for do not stay.
+"""Delete the obsolete files of a command's earlier run in a folder.
 
-The list stands in the folder, with the SHA-256 of every file as it was written. What is not in it, or has changed since, was
-not written by that command and is never touched.
+A list in the folder has the SHA-256 of every file as written. A file that is not in the list, or has changed since, is never
+touched.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ _CHUNK = 1 << 20
 
 
 def replace_files(folder: PathLike, command: str, written: Iterable[Path]) -> list[Path]:
-    """Note what a command has just written into a folder, and delete what only its last run there wrote.
+    """List the files that a command has just written into a folder, and delete those that only its last run wrote.
 
     Args:
         folder: The folder of results.
-        command: Whose files they are; those of other commands in the same folder stay.
-        written: The files written now; those outside the folder are left out.
+        command: The command; files of other commands in the same folder stay.
+        written: The files written now; files outside the folder are ignored.
 
     Returns:
         The files deleted.
@@ -64,7 +64,7 @@ def replace_files(folder: PathLike, command: str, written: Iterable[Path]) -> li
 
 
 def _lists(path: Path) -> dict[str, Any]:
-    """What each command wrote; nothing where the list is missing or is none of ours."""
+    """Return the files of each command; empty if the list is missing or invalid."""
     try:
         found = json.loads(path.read_text("utf-8"))
     except (OSError, ValueError, RecursionError):

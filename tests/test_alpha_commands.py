@@ -60,7 +60,7 @@ def run(capsys: pytest.CaptureFixture[str], folder: Path, *options: object) -> t
 def test_a_month_by_command(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     code, out, err = run(capsys, folder, "--prior-covariance", folder / "S.csv", "--seed", 1, "--json")
     assert code == 0, err
-    assert "if it was estimated from your own alphas" in err
+    assert "a law estimated from your own alphas reveals them" in err
     found = json.loads(out)
     assert found["bits_a_step"] == pytest.approx(1.5)  # equal costs of all directions: half a bit each
     risk = np.diag([0.04, 0.01, 0.02])
@@ -97,7 +97,7 @@ def test_a_month_of_what_may_be_held(capsys: pytest.CaptureFixture[str], folder:
     assert simulated["mean"] < found["regret_a_step"]
     code, out, err = run(capsys, folder, "--prior-covariance", folder / "S.csv", "--held", "long-only")
     assert code == 0, err
-    assert "The limits make hiding cheaper than without them" in out
+    assert "The limits make hiding cheaper, so the rule hides more" in out
     assert held.sum() == pytest.approx(1.0)
     assert held.min() >= -1e-9
     assert held.max() <= 0.6 + 1e-9
@@ -320,7 +320,7 @@ def test_a_backtest_of_alphas_by_command(capsys: pytest.CaptureFixture[str], tmp
     code, out, err = backtest(capsys, *options)
     assert code == 0, err
     assert "basis points a month, 24 months" in out
-    assert "if it was estimated from your own alphas" in err
+    assert "a law estimated from your own alphas reveals them" in err
     table = pd.read_csv(tmp_path / "out" / "table.csv", index_col=0)
     np.testing.assert_allclose(table["given up"] + table["taken"], table["worth"], atol=1e-8)
     assert (tmp_path / "out" / "alphas.png").stat().st_size > 0

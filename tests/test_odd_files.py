@@ -279,7 +279,7 @@ VERBS = {
     "turnover of a sequence": (
         "protect --model M --belief 0.5,0.5 --state s.json --turnover 0.1",
         3,
-        "what turnover allows depends on the weights held; leave turnover out",
+        "a limit on turnover depends on the weights held. Leave turnover out",
     ),
     "a budget in words": ("protect --model M --belief 0.5,0.5 --budget lots", 2, "expected a share of |c*|"),
     "a budget below nothing": ("protect --model M --belief 0.5,0.5 --budget -0.1", 3, "must be at least 0"),

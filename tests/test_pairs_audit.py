@@ -231,7 +231,7 @@ def test_columns_and_lags_that_tell_are_named() -> None:
     assert {(each.kind, each.name) for each in score.telling()} == {("column", "Food"), ("lag", "1")}
     assert regime.error_limit < regime.guess_error
     assert found.embargo >= 1
-    assert "at least so much leaks" in str(found)
+    assert "lower bounds of the leak" in str(found)
 
 
 def test_a_leak_that_begins_late_is_dated() -> None:

@@ -169,21 +169,22 @@ def backtest(
         daily: Daily returns of 20 US stocks, 1990 to 2022 (needs the extra `inscrutable[data]`).
         beliefs: CSV of your own beliefs about the row after each date, instead of the filter's: dates, then one column
             per regime, named calm and turbulent for two regimes, calm, normal and turbulent for three.
-        regime_names: For `--beliefs` whose columns have other names: these, by rising volatility, such as bull,bear.
+        regime_names: For `--beliefs` with other column names: these names, by rising volatility, such as bull,bear.
         train_until: Last date of the training sample, such as 1989-12. Default: 1989-12 for the 12 industries, the
             middle of other data.
-        public: What the observer follows beside the weights: none, market, all, the name of a column of the returns, or a CSV
-            of dates and one column of numbers, which the investor then reads, too. The market is that of the 12 industries, of
+        public: What the observer sees besides the weights: none, market, all, the name of a column of the returns, or a CSV of
+            dates and one column of numbers, which the investor then uses as well. The market is that of the 12 industries, of
             other data the mean of the assets.
-        private: CSV of your own private signal: dates, then the likelihood of it in each regime, columns named
-            as for `--beliefs`. A date without a row has no signal.
+        private: CSV of your own private signal: dates, then its likelihood in each regime, columns named as for `--beliefs`. A
+            date without a row has no signal.
         riskless: CSV of dates and one column: the riskless return of each row, as a fraction, for Sharpe ratios of excess
             returns.
-        rival: TOML file whose [problem] is a rival's decision problem: what beliefs and weights are worth to it, instead of to
-            one who invests alike.
-        model: A model.toml of your own: risk aversion, budget, what may be held, and regimes that are then not fitted.
+        rival: TOML file whose [problem] is a rival's decision problem, for the worth of beliefs and weights; default: the
+            investor's own problem.
+        model: A model.toml of your own: risk aversion, budget, limits on weights, and optionally regimes, which are then not
+            fitted.
         regimes: Number of regimes fitted to the training sample. Default: 3.
-        covariance: How their covariances are estimated: sample, ledoit-wolf (shrunk) or factor:K. Default: sample where there
+        covariance: Estimator of their covariances: sample, ledoit-wolf (shrunk) or factor:K. Default: sample where there
             are ten rows per regime and asset, else ledoit-wolf.
         risk_aversion: gamma in gamma u'Su - m'u, without a half. Default: 5.
         cost_bps: Cost per unit traded, in basis points. Default: 10.
@@ -215,7 +216,7 @@ def backtest(
         speech.detail(f"Training sample: up to {train_until}")
     if means.alphas is not None:
         if rival is not None:
-            raise UsageError("--alphas takes no --rival: what is taken there is the gain of one who copies")
+            raise UsageError("--alphas takes no --rival: the rival there is one who copies the weights")
         asked = {"risk_aversion": risk_aversion, "covariance": covariance, "train_until": train_until, "seed": seed}
         backtest_means(means, table, rate, asked, budget, writable_folder(out), speech)
         return 0
@@ -285,7 +286,7 @@ def _show_backtest(result: Backtest, folder: Path, files: list[Path], speech: Sp
 
 
 def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd.DataFrame, pd.Series | None]:
-    """The chosen returns, and the riskless rate, which only the embedded ones have."""
+    """Return the chosen returns, and the riskless rate, which only the embedded returns have."""
     from inscrutable import datasets
 
     if returns is not None:
@@ -299,7 +300,7 @@ def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd
 
 
 def _own_model(path: Path | None, limits: WeightOptions) -> OwnModel | None:
-    """The model of a file with the limits of the options, or these alone; None where neither is given."""
+    """Return the model of a file with the limits of the options, or the limits alone; None where neither is given."""
     from inscrutable.experiments.own_model import OwnModel
 
     part = limits.part()
@@ -331,7 +332,7 @@ def _riskless(path: Path) -> pd.Series:
 def _own_beliefs(
     path: Path, given: str | None, count: int, speech: Speech, known: tuple[str, ...] | None
 ) -> pd.DataFrame:
-    """Beliefs of a file with the fitted regimes' names, with a log of which column is which."""
+    """Return the beliefs of a file with the fitted regimes' names; log the match of columns and names."""
     from inscrutable.datasets import read_beliefs
     from inscrutable.experiments.backtest import regime_names
 
@@ -411,7 +412,9 @@ def protect(
     if state is not None:
         others = (beliefs, weights, target, certify, out, previous, map_)
         if belief is None or measure != "maximal" or any(option is not None for option in others):
-            raise UsageError("--state takes --belief, --budget, --publish and --seed: it hides the belief as such")
+            raise UsageError(
+                "--state takes --belief, --budget, --publish and --seed: it protects the belief, by no other measure"
+            )
         protect_next(model, belief, state, budget, publish, seed, (speech, limits.part()))
         return
     if publish:
@@ -454,7 +457,7 @@ def protect(
 
 
 def _check_proof(certify: float | None, measure: str) -> None:
-    """Refuse a malformed gap, and measures without proofs."""
+    """Raise `UsageError` for a malformed gap, and for measures without proofs."""
     if certify is not None and not 0 < certify < 1:
         raise UsageError(f"--certify must be a relative gap between 0 and 1, such as 0.01, got {certify:g}")
     if certify is not None and measure not in ("maximal", "desired"):
@@ -487,14 +490,14 @@ def _show_protection(found: Protection) -> None:
             f"{regime} {low:.2f} to {high:.2f}"
             for regime, (low, high) in zip(found.model.regimes, found.aware_bounds[0], strict=True)
         )
-        results().print(f"An observer who also knows the regret you allow is left with: {low_high}.")
+        results().print(f"An observer who also knows the regret that you allow infers: {low_high}.")
 
 
 @app.command(name="compile")
 def compile_(*, jobs: int = -1, speech: Speech = Speech()) -> None:  # noqa: B008  # frozen
     """Compile all numerical kernels now, so that no later command on this machine waits for it.
 
-    For a container's image or a cluster's nodes. Otherwise each is compiled when it is first needed, a minute or two in all.
+    For container images or cluster nodes. Without it each kernel is compiled at first use, a minute or two in all.
 
     Args:
         jobs: Processes; -1 is one per core.

@@ -34,7 +34,7 @@ class AlphaOptions:
 
     Args:
         alphas: CSV of private means instead of a belief: dates, then one column per asset.
-        prior_covariance: With `--alphas`: CSV of the public covariance of the alphas, each row a draw of its own.
+        prior_covariance: With `--alphas`: CSV of the public covariance of the alphas, whose rows are then independent.
         world: With `--alphas`: JSON of the public linear Gaussian world that moves them.
         public: With a `--world` that has a public sensor: CSV of its reports with each row, one column per number.
         covariance: With `--alphas`: CSV of the assets' covariance.
@@ -42,8 +42,8 @@ class AlphaOptions:
         factors: With `--returns`: number of principal factors of that covariance, besides specific variances. Default: the
             sample covariance.
         risk_aversion: With `--alphas`: γ in γ u'Vu − m'u.
-        loadings: With `--alphas`: CSV of how many units of each signal are in an asset's expected return: assets in the first
-            column, one column per signal; the alphas are then of signals. Default: each asset has its own.
+        loadings: With `--alphas`: CSV of the loadings of assets on signals: assets in the first column, one column per signal;
+            the alphas are then those of signals. Default: one signal per asset.
         held: With `--alphas`: what may be held: anything; invested: weights that sum to one; long-only: these, none below zero.
         cap: With `--alphas`: largest weight.
         trading_cost: With `--alphas`: κ; trading costs κ times the variance of the trade.
@@ -116,7 +116,7 @@ def _square(path: Path | None) -> pd.DataFrame | None:
 
 
 def _budget(given: str | None) -> Budget:
-    """The regret a step; a share is one of the silence regret."""
+    """Return the regret per step; a share refers to the silence regret."""
     from inscrutable.budgets import Budget
 
     asked = budget_of(_BUDGET if given is None else given)
@@ -152,12 +152,12 @@ def protect_means(
 @Parameter(name="*")
 @dataclass(frozen=True)
 class SignalOptions:
-    """Private means that take the place of regimes in a backtest.
+    """Private means instead of regimes in a backtest.
 
     Args:
         alphas: Private expected returns instead of regimes: "momentum", or a CSV of your own about the row after each date:
             dates, then one column per asset.
-        prior_covariance: With `--alphas`: CSV of their public covariance, each row a draw of its own.
+        prior_covariance: With `--alphas`: CSV of their public covariance; rows are then independent.
         world: With `--alphas`: JSON of the public linear Gaussian world that moves them. Default: a law that is estimated
             from the alphas before the first decision.
         objective: With `--alphas`: leak the fewest bits, or leave the observer the largest mean square error.

@@ -40,7 +40,7 @@ def attack(
     Args:
         model: The model.json of a backtest, or a model.toml of your own with regimes.
         weights: CSV with one column per asset and one row per portfolio; a first column may hold dates or labels.
-        mechanism: The rule behind the weights, which the observer knows: optimal, cdm, pdm, or sequential.
+        mechanism: The rule of the weights, known to the observer: optimal, cdm, pdm, or sequential.
         budget: With `--mechanism`: the rule's budget, as in protect; with `--state` as in its file. Default: the model's.
         state: With `--mechanism sequential`: the file of protect's sequence, which has the rule's prices.
         normalise: Accept holdings in dollars, shares and prices, or percentages, with blanks, cash and tickers in any case.
@@ -96,7 +96,7 @@ def attack(
 
 
 def _regret_of(text: str) -> float:
-    """The regret that "5bp" or "regret:0.0005" stands for; a plain number would be a share of the optimal cost."""
+    """Return the regret of "5bp" or "regret:0.0005"; a plain number would be a share of the optimal cost."""
     from inscrutable.budgets import Budget, written_budget
     from inscrutable.errors import InputError
 

@@ -24,14 +24,14 @@ def audit(
 ) -> None:
     """Test whether published decisions depend on secrets, and how much they leak at least, from two files and no model.
 
-    An observer who has only past pairs learns from them (nearest neighbours, ridge regression, a tree; needs the extra
-    `inscrutable[audit]`), forward in time. Finding nothing does not prove that nothing leaks: the output states the smallest
-    dependence that the test would have found.
+    Learners are fitted to past pairs, forward in time (nearest neighbours, ridge regression, a tree; needs the extra
+    `inscrutable[audit]`). A negative result does not prove that nothing leaks: the output states the size of a leak that the
+    test finds with a power of about 80 %.
 
     Args:
         secrets: CSV of what should stay private, such as signals: dates or labels in the first column, then numbers or classes.
         published: CSV of decisions, such as weights: the same layout. Rows are joined by their dates or labels.
-        lags: Rows from a secret to the decision that is tested for it, such as 0,1,2: 1 is a decision one row later.
+        lags: Rows from a secret to its decision, such as 0,1,2: 1 is a decision one row later.
         embargo: Rows left out between training and test rows. Default: the length over which the secret is autocorrelated.
         kind: Whether all secrets are classes or numbers. Default: words, and whole numbers of at most ten values, are classes.
         seed: The same seed gives the same numbers.

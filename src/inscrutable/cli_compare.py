@@ -30,20 +30,20 @@ def compare(
 ) -> None:
     """Compare decision rules against the naive observer and the aware one, who knows the rule.
 
-    The table also has an observer who follows the belief over time, and one who learns the risk aversion first.
+    The table also has an observer over time, and one who learns the risk aversion first.
 
     Every rule spends the same expected regret. Example: inscrutable compare --market demo/model.json --budgets 0.05,0.1
 
     Args:
-        market: paper (a random market, every belief equally likely and lasting as regimes do), returns (the 12 US industries
-            that come with the package, and how often its investor holds which belief), the model.json of a backtest,
-            or a model.toml of your own with regimes.
+        market: paper (a random market with equally likely beliefs that last as long as regimes), returns (the 12 embedded US
+            industries with the law of their investor's belief), the model.json of a backtest, or a model.toml of your own with
+            regimes.
         resolution: Beliefs are multiples of 1/resolution; 30 gives up to 496 for three regimes.
-        rival: TOML file whose [problem] is a rival's decision problem: adds the value to it of the belief and of the decisions.
-        budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
+        rival: TOML file whose [problem] is a rival's decision problem: adds its worth of the belief and of decisions.
+        budgets: Expected regrets, ascending: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
             regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
         makers: The decision makers to compare, by the table's names, such as CDM,PDM,rate-distortion. Default: all.
-        pairs: Such as 100,1000: adds an observer who has only so many pairs of belief and decision.
+        pairs: Adds an observer who has seen only this many pairs of belief and decision, such as 100,1000.
         disclosure: What observers see of decisions, how often and how late, such as "every(3)|delayed(2)" or form_13f();
             `inscrutable disclose` compares such schedules. The sequential rule takes it into account; delayed and partial
             trading are then left out.

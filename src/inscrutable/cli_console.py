@@ -29,7 +29,7 @@ _SECONDS_BETWEEN_LINES = 10.0
 @Parameter(name="*", group="Output")
 @dataclass(frozen=True)
 class Speech:
-    """How much is printed, and in which form.
+    """Options of the output.
 
     Args:
         json: Print a machine-readable summary instead of tables.
@@ -58,7 +58,7 @@ class Speech:
             print("Written:\n  " + "\n  ".join(listed))
 
     def summary(self, data: dict[str, Any]) -> None:
-        """Print plain data as JSON on stdout: the bytes that a summary file would have."""
+        """Print plain data as JSON on stdout, identical to a summary file."""
         from inscrutable.datasets import write_json
 
         with TemporaryDirectory() as folder:
@@ -116,7 +116,7 @@ def _bar(timed: bool) -> Iterator[Callable[[int, int, str], None]]:
 
 
 class _Lines:
-    """Progress where there is no terminal: the first step, then one line in ten seconds, and the end."""
+    """Progress without a terminal: the first step, then one line per ten seconds, and the end."""
 
     def __init__(self) -> None:
         self._next = 0.0
@@ -136,7 +136,7 @@ def results() -> Console:
 
 
 def show_table(frame: pd.DataFrame, title: str, *, prose: bool = False) -> None:
-    """Print a frame, its index first, under a title that says what the rows mean; `prose` wraps words, not numbers."""
+    """Print a frame, its index first, under a title that explains the rows; `prose` wraps words, not numbers."""
     from rich import box
     from rich.table import Table
     from rich.text import Text

@@ -40,7 +40,7 @@ def disclose(
         market: returns (the 12 US industries that come with the package, one step a month), paper (a random market), or the
             model.json of a backtest.
         resolution: Beliefs are multiples of 1/resolution.
-        disclosures: Schedules with a semicolon between them, each a chain of every(n), delayed(steps), rounded(digits),
+        disclosures: Schedules separated by semicolons, each a chain of every(n), delayed(steps), rounded(digits),
             long_only(), at_least(weight), top(n), grouped([labels]), form_13f(), n_port(), joined by |. Default: nine
             usual ones.
         rule: The decision rule; all but ODM, the optimal decisions, spend half the silence regret. The sequential rule is
@@ -102,7 +102,7 @@ def _sequential(setting: Setting, regret: float, seed: int, disclosure: Disclosu
         Budget.regret(regret),
         chain=setting.chain,
         candidates=setting.candidates,
-        information_price=float("inf"),  # a rule a schedule: the best price of information would take minutes each
+        information_price=float("inf"),  # one rule per schedule: the best price of information would take minutes each
         disclosure=disclosure,
         rng=np.random.default_rng(seed),
     )

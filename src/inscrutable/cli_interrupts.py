@@ -1,4 +1,4 @@
-"""Ctrl-C: an interrupt that foreign code drops is sent again until the command ends."""
+"""Ctrl-C: an interrupt lost in foreign code is sent again until the command ends."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Interrupts:
         timer.start()
 
     def caused(self, error: BaseException | None) -> bool:
-        """Whether an error comes of an interrupt: one was lost on the way, or is among the error's causes."""
+        """Return whether an interrupt caused an error: one was lost before, or is among the error's causes."""
         while error is not None and not self.lost:
             if isinstance(error, KeyboardInterrupt):
                 return True
@@ -51,7 +51,7 @@ def _interrupt() -> None:
 def interrupts_kept() -> Iterator[Interrupts]:
     """Receive every interrupt, also one within a callback of C code or a destructor, where Python drops it.
 
-    The compiler calls Python back from C, and an exception cannot pass through that: Python prints and forgets it.
+    The compiler calls back from C into Python, where an exception cannot propagate: Python prints and drops it.
     """
     kept = Interrupts()
     before = sys.unraisablehook

@@ -61,7 +61,7 @@ class WeightOptions:
 
 
 def share_of(text: str, option: str) -> float:
-    """Return the number that "0.25" or "25%" stands for."""
+    """Return the number of "0.25" or "25%"."""
     number, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
     try:
         return float(number) * (0.01 if percent else 1.0)
@@ -92,7 +92,7 @@ def one_row(table: WeightsTable, path: Path) -> pd.Series:
 
 
 def region_of(assets: list[str], held: Held, cap: float | None) -> Polyhedron | None:
-    """Return the feasible set; None where anything may be held."""
+    """Return the feasible set; None without limits."""
     import numpy as np
 
     from inscrutable.problems import Polyhedron, max_weights, simplex

@@ -35,14 +35,12 @@ def protect_next(
     investor = investor_of(model, limits)
     if investor.turnover is not None:
         raise InputError(
-            "--state takes no limit on turnover: its file fixes the portfolios that the sequential rule draws from, and their "
-            "prices, for all months, and what turnover allows depends on the weights held; leave turnover out, or protect each "
-            "month by itself with --previous FILE and without --state, which does not reckon with an observer who remembers"
+            "--state takes no limit on turnover: its file fixes the candidate portfolios and prices of the sequential rule for "
+            "all months, but a limit on turnover depends on the weights held. Leave turnover out; or protect each month alone "
+            "with --previous FILE and without --state, which does not protect against an observer who remembers"
         )
     if not state.exists():
-        speech.log(
-            f"No sequence in {state} yet: the prices at which the long-run regret is the budget are computed, once."
-        )
+        speech.log(f"No sequence in {state} yet: the prices that spend the budget in the long run are computed once.")
     limit = None if asked is None else budget_in(investor.world, investor.problem, asked)
     rng = None if seed is None else np.random.default_rng(seed)
     found = protect_step(investor, held, state, limit, publish=publish, rng=rng)

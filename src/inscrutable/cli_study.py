@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 FAILED_TASKS = 1
 STUDY, AGAIN = "study", "give the same command again"
-"""The folder in which other verbs keep the study behind their results, and how a stopped one is continued."""
+"""The folder of the study behind other verbs' results, and the commands that continue a stopped one."""
 _PAGE = "report.html"
 _REPORT = "inscrutable study report {}"
 _ERRORS_SHOWN = 3
@@ -57,7 +57,7 @@ def run(
         jobs: Processes; -1 is one per core. Changes nothing but the time.
         cluster: Address of a Dask scheduler, such as tcp://10.0.0.1:8786 (needs the extra `inscrutable[dask]`).
         limit: Do at most this many tasks now, spread over the grid; `study resume` does the others.
-        extension: A part of your own that the file names, as module:name, importable here; may be given several times.
+        extension: A user-defined part that the file names, as module:name, importable here; may be given several times.
     """
     from inscrutable.experiments.studies import Study, run_study
     from inscrutable.experiments.studies.study import tasks_text
@@ -193,7 +193,7 @@ def report(
 
 
 def _study_within(folder: Path) -> Path | None:
-    """The folder of the study behind the results of another verb, if there is one in theirs."""
+    """Return the folder of the study behind another verb's results, if there is one."""
     from inscrutable.experiments.studies.store import STORE
 
     return folder / STUDY if (folder / STUDY / STORE).is_file() and not (folder / STORE).exists() else None
@@ -219,7 +219,7 @@ def _say_status(found: Study, speech: Speech) -> None:
 
 
 def _say_errors(found: Study, speech: Speech) -> None:
-    """The first reasons on stderr, as a log; the table has all of them."""
+    """Log the first reasons on stderr; the table has all of them."""
     for shown, error in enumerate(found.errors()):
         if shown == _ERRORS_SHOWN:
             speech.log("  and others; `inscrutable study export` lists all")
@@ -229,7 +229,7 @@ def _say_errors(found: Study, speech: Speech) -> None:
 
 @contextmanager
 def resumable(folder: Path, how: str = "inscrutable study resume {}", then: str = AGAIN) -> Iterator[None]:
-    """Print how to continue a run that is stopped after it began; `then` where all tasks are done and files are missing."""
+    """Print how to continue a stopped run; `then` is the command if all tasks are done and only files are missing."""
     from inscrutable.experiments.studies.store import STORE
 
     before = _stamp(folder / STORE)

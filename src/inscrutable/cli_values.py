@@ -23,11 +23,11 @@ MeasureName = Literal["maximal", "desired", "non-existence", "non-uniqueness", "
 
 
 class UsageError(Exception):
-    """The command line itself is wrong: an option that is malformed, missing or at odds with another."""
+    """Wrong usage of the command line: an option is malformed, missing or contradicts another."""
 
 
 def budget_of(text: str, speech: Speech | None = None, option: str = "--budget") -> Budget | SilenceShare:
-    """Return the budget that "0.1", "10%", "5bp", "regret:0.002" or "silence:0.5" stands for; an odd value gives a warning."""
+    """Return the budget of "0.1", "10%", "5bp", "regret:0.002" or "silence:0.5"; an unusual value gives a warning."""
     from inscrutable.budgets import Budget, is_budget, written_budget
     from inscrutable.errors import InputError
 
@@ -62,12 +62,12 @@ def budgets_of(text: str) -> tuple[Any, tuple[float, ...]]:
 
 
 def amount_of(text: str, option: str) -> float:
-    """Return the amount that "5bp" (basis points) or "0.0005" stands for."""
+    """Return the amount of "5bp" (basis points) or "0.0005"."""
     return _number(text[:-2], option) / BASIS_POINTS if text.endswith("bp") else _number(text, option)
 
 
 def whole_number(type_: Any, tokens: Sequence[Token]) -> int:
-    """Return the whole number that is typed; 1.5 is none, and is not rounded."""
+    """Return a typed whole number; 1.5 is an error and is not rounded."""
     text = tokens[0].value
     try:
         return int(text)
@@ -76,7 +76,7 @@ def whole_number(type_: Any, tokens: Sequence[Token]) -> int:
 
 
 def whole_numbers_of(text: str, option: str) -> tuple[int, ...]:
-    """Return the whole numbers that "0,1,2" stands for."""
+    """Return the whole numbers of "0,1,2"."""
     try:
         return tuple(int(part.replace("−", "-")) for part in text.split(","))
     except ValueError:
@@ -84,7 +84,7 @@ def whole_numbers_of(text: str, option: str) -> tuple[int, ...]:
 
 
 def beside_of(public: str, private: Path | None, returns: pd.DataFrame, *, embedded: bool) -> BesideReturns:
-    """Return what "none", "market", "all", a column or a file stands for, with a private signal's file."""
+    """Return the observations of "none", "market", "all", a column or a file, with a private signal's file."""
     from inscrutable.datasets import load_industry_returns, read_signals
     from inscrutable.experiments.backtest_public import ALL, MARKET, NOTHING, BesideReturns
 
@@ -106,7 +106,7 @@ DATA, WORK, INVESTOR, PRIVACY, OUTPUT = (
     Group(name, sort_key=place)
     for name, place in (("Data", 1), ("Work", 1), ("Investor", 2), ("Privacy", 3), ("Output", 9))
 )
-"""Under these heads the help of every verb lists its options."""
+"""Headings of the options in the help of every verb."""
 
 Whole = Annotated[int, Parameter(converter=whole_number)]
 AT_LEAST_0 = Parameter(validator=validators.Number(gte=0))
@@ -115,7 +115,7 @@ Out = Annotated[Path, Parameter(group=OUTPUT)]
 
 
 def belief_of(text: str, option: str) -> list[float]:
-    """Return the belief that "0.2,0.3,0.5" stands for; its sum is judged by the library."""
+    """Return the belief of "0.2,0.3,0.5"; the library checks its sum."""
     return [_number(part, option) for part in text.split(",")]
 
 
@@ -143,7 +143,7 @@ def _number(text: str, option: str) -> float:
 
 
 def writable_folder(path: Path) -> Path:
-    """Return a folder that results can be written to, checked before the work; it is made when there is something in it."""
+    """Return a writable folder for results, checked before the work; it is created with its first file."""
     from inscrutable.datasets import output_folder
 
     before = path.exists()

@@ -90,11 +90,11 @@ class AlphaBacktest:
         lines = [
             f"basis points a {self.period}, {len(self.worth)} {self.period}s, by the agent's belief; in brackets by the law of "
             "the alphas",
-            line("the alphas are worth", "worth", ".2f"),
-            line("hiding gives up", "given_up", ".2f", "worth"),
-            line("one who copies takes", "taken", ".2f", "worth"),
-            line("a decision leaks, bits", "bits", ".3f"),
-            line("mean square error left", "error", ".4g"),
+            line("worth of the alphas", "worth", ".2f"),
+            line("regret of hiding", "given_up", ".2f", "worth"),
+            line("gain of a copier", "taken", ".2f", "worth"),
+            line("leakage, bits", "bits", ".3f"),
+            line("mean square error", "error", ".4g"),
         ]
         if found["realised"] is not None:
             constant, published, optimal = found["realised"].values()

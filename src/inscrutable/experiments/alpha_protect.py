@@ -16,8 +16,8 @@ from inscrutable.labels import label_text
 from inscrutable.validation import Array
 
 LAW_IS_PUBLIC = (
-    "The law of the alphas (the prior covariance or the world) counts as public: if it was estimated from your own alphas, it "
-    "reveals them itself. With --state the first run fixes it, and any other is refused."
+    "The law of the alphas (the prior covariance or the world) counts as public: a law estimated from your own alphas "
+    "reveals them. With --state the first run fixes the law; another one is an error later."
 )
 
 _SEED = 0  # public like the law: every run computes the same rule
@@ -93,12 +93,12 @@ class ProtectedAlphas:
         lines = [maker.summary()]
         if simulated is not None:
             lines.append(
-                f"The limits make hiding cheaper than without them: more is hidden until the simulated regret, "
-                f"{simulated.mean:.4g} ± {simulated.standard_error:.1g} a step, is the budget."
+                "The limits make hiding cheaper, so the rule hides more: its simulated regret, "
+                f"{simulated.mean:.4g} ± {simulated.standard_error:.1g} per step, equals the budget."
             )
         elif most and not np.isfinite(maker.silence_regret):
             lines.append(
-                "The limits make hiding cheaper, but silence costs without end: the budget is not spent in full."
+                "The limits make hiding cheaper, but the silence regret is infinite: the budget is not spent in full."
             )
         lines.append(
             f"The next decision costs {most}{self.expected[0]:.4g} on average and leaks {most}{self.expected[1]:.4f} bits."

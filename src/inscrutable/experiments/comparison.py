@@ -209,7 +209,7 @@ class Comparison(Saved):
         budget = self.middle_budget
         rows = self.at(budget)
         if not rows or not self.prior_error > 0:
-            return "Nothing can be hidden: the prior leaves no doubt about the belief, or no decision maker spends anything."
+            return "Nothing can be hidden: the prior determines the belief, or no decision maker spends anything."
         worth = (
             f"{budget / self.silence_regret:.0%} of the silence regret" if self.silence_regret > 0 else f"{budget:.3g}"
         )
@@ -224,12 +224,12 @@ class Comparison(Saved):
         }
         if self.is_moving:
             following = (
-                f"aware observer over time, on a chain where the belief stays as it is in {self.stays:.0%} of the steps"
+                f"aware observer over time, on a chain where the belief stays the same in {self.stays:.0%} of the steps"
             )
             seen[following] = [(row.path_error, row.path_top_state) for row in rows]
         if self.repeats[last] > 1:
             later = f"aware observer, who sees {self.repeats[last]} decisions on one belief"
-            later += ", which the sequential rule takes to move by that chain" if self.ceilings else ""
+            later += " (the sequential rule assumes that chain)" if self.ceilings else ""
             seen[later] = [(float(row.repeated_errors[last]), float(row.repeated_top_state[last])) for row in rows]
         asked = Requirement(self.prior_error, self.prior_top_state)
         hiding = {
@@ -258,10 +258,11 @@ class Comparison(Saved):
         least, most = min(rows, key=lambda row: row.sensor_error), max(rows, key=lambda row: row.sensor_error)
         kept = [row.maker for row in rows if row.sensor_error >= 1.0]
         told = (
-            f"The sensor behind the beliefs is read from {SENSOR_STEPS} decisions taken at face value with an error from "
-            f"{least.sensor_error:.2f} ({least.maker}) to {most.sensor_error:.2f} ({most.maker}) times the error without any"
+            f"The naive observer estimates the sensor from {SENSOR_STEPS} decisions with an error from "
+            f"{least.sensor_error:.2f} ({least.maker}) to {most.sensor_error:.2f} ({most.maker}) times the error without "
+            "decisions"
         )
-        return f"{told}; it stays hidden by {', '.join(kept)}." if kept else f"{told}: none hides it."
+        return f"{told}; {', '.join(kept)} hide it." if kept else f"{told}; no rule hides it."
 
     def rival_summary(self) -> str:
         """Return the rival's worth of the belief and of one decision, and the cost of hiding, at the middle budget, as text."""
@@ -269,18 +270,18 @@ class Comparison(Saved):
         if not self.rival or not rows:
             return ""
         if not self.secret_worth > 0:
-            return "To this rival the belief is worth nothing, and so is every decision."
+            return "The belief is worth nothing to this rival, nor is any decision."
         least, most = min(rows, key=lambda row: row.rival_worth), max(rows, key=lambda row: row.rival_worth)
         told = (
-            f"To the rival the belief is worth {self.secret_worth:.3g} ({self.rival}); reading one decision, which costs the "
-            f"agent up to {self.middle_budget:.3g}, is worth from {least.rival_worth:.3g} ({least.maker}, "
+            f"The belief is worth {self.secret_worth:.3g} ({self.rival}) to the rival; one decision, at a regret of up to "
+            f"{self.middle_budget:.3g} for the agent, is worth from {least.rival_worth:.3g} ({least.maker}, "
             f"{least.rival_worth / self.secret_worth:.0%}) to {most.rival_worth:.3g} ({most.maker}, "
             f"{most.rival_worth / self.secret_worth:.0%})."
         )
         if self.rival_is_own:
             told += (
-                " The rival's problem is the agent's own: copying cannot be prevented, and the share given up and the share "
-                "taken add up to 1 at least."
+                " The rival's problem is the agent's own, so it can always copy: the shares of regret and of worth sum to at "
+                "least 1."
             )
         return told
 

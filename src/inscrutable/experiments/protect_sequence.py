@@ -126,7 +126,7 @@ class ProtectedStep:
         """Return a few sentences: regret, the observer's estimate, and the published weights."""
         lines = [
             f"This step costs {self.expected.own_regret:.3g} of regret in expectation under your belief, "
-            f"{self.expected.regret:.3g} by the observer's law, and gives away {self.expected.bits:.3f} bits on average.",
+            f"{self.expected.regret:.3g} by the observer's law, and leaks {self.expected.bits:.3f} bits on average.",
             f"The aware observer, who has seen {_counted(self.n_published - (self.published is not None))}, believes "
             f"{self._named(self.before)}.",
         ]
@@ -143,8 +143,8 @@ class ProtectedStep:
             lines.append(f"With the weights published now it holds {self._named(self.after)}.")
         lines.append(
             f"{_counted(self.n_published)} published so far: {self.spent:.3g} of regret, {self.told:.3f} bits. In the long run "
-            f"its error is {self.long_run_error:.3f} of at most {self.ceiling:.3f}, on a grid of {self.n_beliefs} beliefs, and "
-            f"{self.prior_error:.3f} without seeing any."
+            f"the observer's error is {self.long_run_error:.3f}; the ceiling is {self.ceiling:.3f}, on a grid of "
+            f"{self.n_beliefs} beliefs, and the error without decisions {self.prior_error:.3f}."
         )
         if self.published is None:
             if self.latest is not None:

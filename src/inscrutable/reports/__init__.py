@@ -1,1 +1,1 @@
-"""Step 8: figures and tables; every picture is a function here, results hold no plotting."""
+"""Reports: figures, tables and pages of results; all plotting is here."""

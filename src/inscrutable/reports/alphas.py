@@ -36,7 +36,7 @@ def write_alphas(found: AlphaBacktest, folder: Path) -> list[Path]:
 
 
 def draw_alphas(found: AlphaBacktest, axes: Any) -> None:
-    """Draw the cumulative cost of hiding and gain of a rival who copies, beside their sum, the alphas' worth."""
+    """Draw the cumulative regret of hiding, the gain of a rival who copies, and their sum, the worth of the alphas."""
     table = found.table()
     along = list(found.index) if isinstance(found.index[0], pd.Timestamp) else list(range(len(table)))
     given, taken, worth = (table[name].cumsum().to_numpy() for name in ("given up", "taken", "worth"))

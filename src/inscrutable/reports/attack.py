@@ -1,4 +1,4 @@
-"""Beliefs read from published weights, as a table and as pictures."""
+"""Beliefs inferred from published weights, as a table and as pictures."""
 
 from __future__ import annotations
 
@@ -35,10 +35,9 @@ def attack_table(attack: Attack) -> pd.DataFrame:
         attack: From `attack_weights`.
 
     Returns:
-        A frame on the rows' labels: for each regime its probability in the observer's estimate and the least and
-        greatest one that the weights allow; the most likely regime; how the row was read; the least regret of any
-        belief, the regret that rounding can cause and the largest change of a weight to make the row feasible, all
-        in the unit of the cost or the weights.
+        A frame on the rows' labels: for each regime the observer's estimate and the least and greatest probability consistent
+        with the weights; the most likely regime; the reading; the least regret of any belief, the regret that rounding can
+        cause and the largest change of a weight to make the row feasible, in the unit of the cost or the weights.
 
     Example: see `write_attack`.
     """
@@ -59,7 +58,7 @@ def attack_table(attack: Attack) -> pd.DataFrame:
 
 
 def attack_lines(attack: Attack) -> pd.DataFrame:
-    """Return the same in few columns of text, for a terminal: "0.280 [0.271, 0.289]" per regime, and how it was read."""
+    """Return the table in few columns of text, for a terminal: "0.280 [0.271, 0.289]" per regime, and the reading."""
     columns: dict[str, list[str]] = {}
     for i, regime in enumerate(attack.model.regimes):
         columns[regime] = [
@@ -80,7 +79,7 @@ _SHORT = {
 
 
 def reading_notes(attack: Attack) -> list[str]:
-    """Return what the readings that occur mean, one line each."""
+    """Return the meaning of each reading that occurs, one line each."""
     digits = FULL_PRECISION_DIGITS if attack.decimals is None else attack.decimals
     notes = {
         Reading.EXACT: "exact: these beliefs, and no others, make the weights optimal.",
@@ -101,7 +100,7 @@ def reading_notes(attack: Attack) -> list[str]:
 
 
 def reading_of(attack: Attack, step: int) -> str:
-    """Return in words how a row was read, with its numbers."""
+    """Return the reading of a row in words, with its numbers."""
     row = attack.rows[step]
     if row.reading is Reading.EXACT:
         return "exact"
@@ -115,9 +114,9 @@ def reading_of(attack: Attack, step: int) -> str:
 
 
 def plot_attack(attack: Attack, axes: Any) -> Any:
-    """Draw the beliefs read from each row on ternary axes of three regimes: its set, its centre, coloured by the row's place.
+    """Draw the set and centre of each row on ternary axes of three regimes, coloured by the row's position.
 
-    Returns the artist that carries the colours, for a colour bar; None for a single row.
+    Returns the artist of the colours, for a colour bar; None for a single row.
     """
     import matplotlib
 
@@ -161,7 +160,7 @@ def plot_attack(attack: Attack, axes: Any) -> Any:
 
 
 def plot_attack_bounds(attack: Attack, axes: Any) -> None:
-    """Draw, one panel per regime, the interval that each row leaves for its probability and the estimate in it."""
+    """Draw the interval and the estimate of each row's regime probability, one panel per regime."""
     estimates, bounds = attack.estimates, attack.bounds
     explained = np.array([row.reading is not Reading.IMPLAUSIBLE for row in attack.rows])
     places = positions(attack.index)
@@ -183,7 +182,7 @@ def plot_attack_bounds(attack: Attack, axes: Any) -> None:
 
 
 def positions(index: pd.Index) -> Any:
-    """Return where the rows stand on a horizontal axis: at their dates, or one after another."""
+    """Return the positions of the rows on a horizontal axis: their dates, or 0, 1, …"""
     return index.to_numpy() if isinstance(index, pd.DatetimeIndex) else np.arange(len(index))
 
 
@@ -203,7 +202,7 @@ def label_rows(panel: Any, index: pd.Index) -> None:
 
 
 def bar_width(rows: int) -> float:
-    """Return the width of an interval's bar in points, so that many rows stay apart at column width."""
+    """Return the width of an interval's bar in points, narrow enough that many rows do not overlap at column width."""
     return float(np.clip(160.0 / rows, 0.6, 8.0))
 
 
@@ -264,7 +263,7 @@ def write_attack(attack: Attack, folder: Path) -> list[Path]:
 
 
 def attack_summary(attack: Attack) -> dict[str, Any]:
-    """Return the attack's figures as plain data: how many rows were read how, and in the file's order the reading of each."""
+    """Return the attack's figures as plain data: the counts of readings, and each row's reading in the file's order."""
     regimes = attack.model.regimes
     return {
         "sentence": attack.summary(),

@@ -26,8 +26,8 @@ def write_audit(audit: PairsAudit, folder: Path) -> list[Path]:
         folder: Created where needed.
 
     Returns:
-        audit.csv (a row per secret), blocks.csv (how well each block was read), sources.csv (what columns and lags reveal
-        alone), summary.json, and audit.png and .svg, of the first six secrets.
+        audit.csv (one row per secret), blocks.csv (error of each block), sources.csv (share explained by single columns and
+        lags), summary.json, and audit.png and .svg of the first six secrets.
 
     Raises:
         InputError: A file cannot be written.
@@ -65,7 +65,7 @@ def audit_summary(audit: PairsAudit) -> dict[str, Any]:
 
 
 def _draw_blocks(secret: SecretAudit, panel: Any) -> None:
-    """The error of each block read beside that of guessing, and the limit over those judged."""
+    """Draw the error of each block and that of the guess, and the limit over the test blocks."""
     blocks = secret.blocks
     places = np.arange(len(blocks))
     judged = np.array([each.is_judged for each in blocks])
@@ -84,7 +84,7 @@ def _draw_blocks(secret: SecretAudit, panel: Any) -> None:
 
 
 def _draw_sources(secret: SecretAudit, panel: Any) -> None:
-    """What columns and lags reveal alone, the largest share first."""
+    """Draw the shares explained by single columns and lags, the largest first."""
     listed = sorted(secret.sources, key=lambda each: -each.explained)[:_MOST_BARS][::-1]
     names = [as_written(each.name if each.kind == "column" else f"lag {each.name}") for each in listed]
     shares = [100.0 * each.explained for each in listed]

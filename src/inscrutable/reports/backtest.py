@@ -1,4 +1,4 @@
-"""Files of a backtest: one table, and a folder of files that are the same for the same seed."""
+"""Files of a backtest: one table, and a folder of files; equal seeds give equal files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from inscrutable.worlds import GaussianEmission
 
 
 class _Row(NamedTuple):
-    """A row of the table: a figure of the summary, its label with the unit, its factor, and how it is written."""
+    """A row of the table: a figure of the summary, its label with the unit, its factor, and its format."""
 
     key: str
     label: str
@@ -39,7 +39,7 @@ _PERCENT, _BASIS_POINTS = 100.0, 10_000.0
 def table_of(result: Backtest) -> pd.DataFrame:
     """Return the table of a backtest: one row per figure with its unit in the label, one column per decision maker.
 
-    The index's name states what a row of data means: when the decision is made, on which belief, and what it earns.
+    The index's name states the timing: when the decision is made, on which belief, and which return it earns.
 
     Args:
         result: A backtest.
@@ -58,7 +58,7 @@ def table_of(result: Backtest) -> pd.DataFrame:
 
 
 def timing_of(result: Backtest) -> str:
-    """Return the sentence that says what a decision knows and what it earns."""
+    """Return the sentence on the timing of decisions and returns."""
     word = result.market.frequency.word
     return (
         f"decision at the end of {word} t, on the belief about {word} t+1 given data up to {word} t, "
@@ -76,7 +76,7 @@ def text_of(result: Backtest) -> str:
 
 
 def warnings_of(result: Backtest) -> list[str]:
-    """Return what must be read before the verdict: why the figures may be no result, and data that can hardly be right."""
+    """Return warnings before the verdict: doubts about the figures, and suspicious returns."""
     doubts = [f"Doubtful: {each}." for each in result.doubts]
     return [*doubts, *(f"Suspicious returns: {each}." for each in result.market.suspicious)]
 
@@ -158,7 +158,7 @@ def _disclosed_rows(result: Backtest) -> list[_Row]:
 
 
 def _worth_rows(result: Backtest) -> list[_Row]:
-    """What beliefs and weights are worth to the rival; it can hold the weights where it has the investor's own problem."""
+    """Return the rows of worth to the rival; one with the investor's own problem can hold the weights."""
     rival, own, word = result.rivals_loss, result.rival_is_own, result.market.frequency.word
     invests = isinstance(rival, RivalProblem) and isinstance(rival.problem, MarkowitzProblem)
     unit = f"bp per {word}" if invests else rival.unit
@@ -203,7 +203,7 @@ def _public_notes(result: Backtest) -> list[str]:
 
 
 def _all_public(result: Backtest) -> str:
-    """The error of an observer who follows the returns alone."""
+    """Return the row of the error of an observer who follows the returns alone."""
     figures = result.figures[result.names[0]]
     error = figures["error_all_returns"]
     if error <= tolerances.SAME_BELIEF:
@@ -230,7 +230,7 @@ def _misled(result: Backtest) -> str:
 
 
 def notes_of(result: Backtest) -> list[str]:
-    """Return the definitions that the table rests on."""
+    """Return the definitions of the table."""
     settings, market = result.settings, result.market
     word = market.frequency.word
     return [
@@ -333,7 +333,7 @@ def _sequential_notes(result: Backtest) -> list[str]:
 
 
 def write_backtest(result: Backtest, folder: str | os.PathLike[str], *, month: str | None = None) -> list[Path]:
-    """Write everything about a backtest into a folder: tables, paths, pictures, and a summary that is all text.
+    """Write all files of a backtest into a folder: tables, paths, pictures, and a summary as JSON.
 
     `table.csv`; `beliefs.csv` (fit to be read again as a user's beliefs); per decision maker `weights_*.csv`,
     `estimates_*.csv` (estimates of the naive observer), `aware_*.csv` (of the aware one), `followed_*.csv` (of the aware one

@@ -1,4 +1,4 @@
-"""The pictures of a backtest: beliefs and what observers read, weights, privacy and cost over time, and one month close up."""
+"""The pictures of a backtest: beliefs and estimates, weights, privacy and cost over time, and one month in detail."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ _HIDDEN_WIDTH = 5.0
 _ASSET_COLOURS = ("#332288", "#88CCEE", "#44AA99", "#117733", "#999933", "#DDCC77", "#CC6677", "#882255", "#AA4499")
 _OTHERS = "#BBBBBB"
 _STEEP = 15.0
-"""From this multiple of the budget the axis of regrets is logarithmic beyond the budget."""
+"""If regrets exceed this multiple of the budget, their axis is logarithmic beyond the budget."""
 _WIDE = 4.0
-"""From this ratio of wealth on its axis is logarithmic; below it too few round numbers fall on it."""
+"""Ratio of wealth from which its axis is logarithmic; below, it would have too few ticks."""
 
 
 def draw_backtest(result: Backtest, folder: Path, *, month: str | None = None) -> list[Path]:
@@ -121,7 +121,7 @@ def draw_hidden(result: Backtest, folder: Path) -> list[Path]:
 
 
 def draw_beliefs(result: Backtest, folder: Path) -> list[Path]:
-    """Draw the investor's likeliest regime above what observers read from each decision maker's weights, as `beliefs`."""
+    """Draw the investor's likeliest regime above the observers' estimates from each decision maker's weights, as `beliefs`."""
     panels = {"investor's belief": result.beliefs}
     panels |= {f"{_published(result, name)}: read at face value": result.estimates(name) for name in result.names}
     if result.aware is not None:
@@ -241,7 +241,7 @@ def draw_frontier(result: Backtest, folder: Path, step: int) -> list[Path]:
 
 
 def _draw_price(axis: Any, frontier: Frontier, limit: float, scale: float) -> None:
-    """The privacy that one more unit of regret buys at the budget, as the tangent of the lottery's curve there."""
+    """Draw the marginal privacy per unit of regret at the budget, as the tangent of the lottery's curve."""
     price, at = float(frontier.price(limit)), float(frontier.randomized(limit))
     if not (np.isfinite(at) and np.isfinite(price) and limit > 0):
         return
@@ -351,7 +351,7 @@ def _largest_atom(result: Backtest, step: int) -> float:
 
 
 def _likeliest(axis: Any, frame: pd.DataFrame, end: pd.Timestamp) -> list[Any]:
-    """Steps as high as the probability of the likeliest regime, in its colour; a row of NaN stays empty."""
+    """Draw steps of the likeliest regime's probability in its colour; a row of NaN stays empty."""
     values = frame.to_numpy()
     dates, known = frame.index.append(pd.DatetimeIndex([end])), ~np.isnan(values).any(axis=1)
     top = np.where(known, np.where(known[:, None], values, 0.0).argmax(axis=1), -1)
@@ -371,7 +371,7 @@ def _likeliest(axis: Any, frame: pd.DataFrame, end: pd.Timestamp) -> list[Any]:
 
 
 def _stack(axis: Any, frame: pd.DataFrame, colours: tuple[str, ...], end: pd.Timestamp) -> list[Any]:
-    """Areas that sum to one, each row from its date to the next and the last to `end`; a row of NaN stays empty."""
+    """Draw stacked areas, each row from its date to the next and the last to `end`; a row of NaN stays empty."""
     values = frame.to_numpy()
     areas: list[Any] = axis.stackplot(
         frame.index.append(pd.DatetimeIndex([end])),
@@ -393,7 +393,7 @@ def _unit_axis(axis: Any, values: Array) -> None:
 
 
 def _main_assets(result: Backtest) -> tuple[list[str], list[str]]:
-    """Assets by mean and largest weight, and those drawn as one; assets that are never held are left out."""
+    """Return the main assets by mean and largest weight, and those drawn as one; assets never held are left out."""
     every = [result.weights(name) for name in result.names]
     mean = pd.concat([weights.mean() for weights in every], axis=1).max(axis=1)
     ever = pd.concat([weights.max() for weights in every], axis=1).max(axis=1)
@@ -408,7 +408,7 @@ def _published(result: Backtest, name: str) -> str:
 
 
 def _plain_ticks(axis: Any) -> None:
-    """Numbers such as 0.5 and 20 on a logarithmic axis, without powers and crowding."""
+    """Set plain numbers such as 0.5 and 20 on a logarithmic axis, without powers or overlap."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
     low, high = axis.get_view_interval()

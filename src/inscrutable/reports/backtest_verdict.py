@@ -1,4 +1,4 @@
-"""The verdict of a backtest in a few lines: the answer in one sentence, then what it rests on."""
+"""The verdict of a backtest: the answer in one sentence, then its basis."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class _Seen(NamedTuple):
     named: str
 
     def reached(self, name: str, figures: Mapping[str, float]) -> Reached:
-        """What the observer's estimate reaches under a decision maker."""
+        """Return the observer's error and naming under a decision maker."""
         return Reached(name, figures[self.error], figures[self.named])
 
 
@@ -69,11 +69,11 @@ _WHOM = {
     (True, False): "the naive observer alone",
     (False, False): "neither observer",
 }
-"""From whom a belief is hidden, by whether it is from the naive and from the aware observer."""
+"""Text for the observers from whom a belief is hidden, by (naive, aware)."""
 
 
 def verdict(result: Backtest) -> list[str]:
-    """Return what was found, a line each: the answer, whether it holds, what an observer reads, who hides, the price."""
+    """Return the verdict, one line each: the answer, its limits, the observers' estimates, who hides, the price."""
     figures, word = result.figures, result.market.frequency.word
     odm, *hiding = result.names
     own = figures[odm]
@@ -102,7 +102,7 @@ def verdict(result: Backtest) -> list[str]:
 
 
 def limits(result: Backtest) -> list[str]:
-    """Return what the verdict rests on, a line each: what "hidden" means, names and budgets, and ceilings."""
+    """Return the basis of the verdict, one line each: the meaning of "hidden", names and budgets, and ceilings."""
     names = "; ".join(f"{name}: {FULL_NAMES[name]}" for name in result.names if name in FULL_NAMES)
     budget = f"{'budget of ' if result.budget.is_relative else ''}{result.budget}"
     if result.sequential is not None and result.settings.budget is None:
@@ -142,17 +142,17 @@ def _price(result: Backtest, hiding: Sequence[str]) -> str:
 
 
 def _basis_points(value: float) -> str:
-    """A return in basis points with two digits that count, without an exponent."""
+    """Return a return in basis points with two significant digits, without an exponent."""
     return f"{float(f'{_POINTS * value:.2g}'):g}"
 
 
 def _holds(result: Backtest) -> str:
-    """Whether the answer holds in other draws, and for observers who see more than weights; empty where it does."""
+    """Return limits of the answer: other draws, and observers who see more than weights; empty without any."""
     return " ".join([*_beyond_public(result), *_other_draws(result)])
 
 
 def _beyond_public(result: Backtest) -> list[str]:
-    """A line where public returns alone give the belief away."""
+    """Return a line if public returns alone reveal the belief."""
     if result.public is None or result.figures[result.names[0]]["error_all_returns"] > tolerances.SAME_BELIEF:
         return []
     return [
@@ -162,7 +162,7 @@ def _beyond_public(result: Backtest) -> list[str]:
 
 
 def _ceilings(result: Backtest) -> list[str]:
-    """The largest error that any rule of the same regret leaves; no line where it is not known."""
+    """Return a line on the largest error of any rule of the same regret; none if it is not known."""
     known = {name: result.figures[name]["error_ceiling"] for name in result.names[1:]}
     known = {name: most for name, most in known.items() if np.isfinite(most)}
     if not known or result.sequential is None:
@@ -178,7 +178,7 @@ def _ceilings(result: Backtest) -> list[str]:
 
 
 def _other_draws(result: Backtest) -> list[str]:
-    """In how many other draws the sequential rule hides the belief; no line where it does in all of them."""
+    """Return a line on the other draws in which the sequential rule hides the belief; none if it does in all."""
     if result.sequential is None or not result.sequential.others:
         return []
     asked, beliefs, others = _asked(result), result.beliefs.to_numpy(), result.sequential.others
@@ -198,7 +198,7 @@ def _and(words: Sequence[str]) -> str:
 
 
 def cautions(result: Backtest) -> list[str]:
-    """Return what the verdict leaves out: weak hiding, and silence that costs less."""
+    """Return cautions on the verdict: weak hiding, and silence that costs less."""
     figures, word = result.figures, result.market.frequency.word
     odm, *hiding = result.names
     optimal = figures[odm]["share_regime_named"]

@@ -1,4 +1,4 @@
-"""Files of a comparison: a table as CSV and Markdown, a summary that is all text, and one figure."""
+"""Files of a comparison: a table as CSV and Markdown, a summary as JSON, and one figure."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _TOLD = ", rule knows it stays"
 
 
 class _Column(NamedTuple):
-    """A column of the short table: its title with the unit, its value, and how it is written where that is a number."""
+    """A column of the short table: its title with the unit, its value, and its number format."""
 
     title: str
     value: Callable[[ComparisonRow], float | str]
@@ -95,7 +95,7 @@ def _columns(comparison: Comparison) -> list[_Column]:
 
 
 def main_columns(comparison: Comparison) -> list[str]:
-    """Return the titles of the columns that matter most: few enough for a terminal and a phone."""
+    """Return the titles of the main columns, few enough for a terminal and a phone."""
     return [each.title for each in _columns(comparison) if each.is_main]
 
 
@@ -109,16 +109,16 @@ def _worth_column(comparison: Comparison) -> _Column:
 
 
 _STRENGTHS = {"delay": "steps: {:.0f}", "partial trades": "fraction {:.2g}"}
-"""How the parameter of a decision maker is written beside its name."""
+"""Format of a decision maker's parameter beside its name."""
 
 
 def _entry(field: str, place: int) -> Callable[[ComparisonRow], float]:
-    """An entry of a row's array."""
+    """Return a function that gives an entry of a row's array."""
     return lambda row: float(getattr(row, field)[place])
 
 
 def _learned(row: ComparisonRow) -> str:
-    """The values of the risk aversion that explain every decision of a path."""
+    """Return the risk aversions that explain every decision of a path, as text."""
     if np.isnan(row.learned_holds):
         return "-"
     if np.isnan(row.learned_low):
@@ -133,7 +133,7 @@ def short_table(comparison: Comparison, budget: float | None = None) -> pd.DataF
 
     Args:
         comparison: From `compare`.
-        budget: One of `comparison.budgets`, beside which those who spend nothing are listed; None lists all.
+        budget: One of `comparison.budgets`, with the decision makers that spend nothing; None: all budgets.
     """
     kept = [row for row in comparison.rows if budget is None or row.budget in (0.0, budget)]
     columns = _columns(comparison)
@@ -168,12 +168,12 @@ def _written(value: float | str, style: str) -> str:
 
 
 def notes_of(comparison: Comparison) -> list[str]:
-    """Return the definitions that the table rests on."""
+    """Return the definitions of the table."""
     per_belief = "shares of |c*|" if comparison.per_belief_unit == "|c*|" else "the same regret at every belief"
     return [
-        "All decision makers of one budget are made to spend the same expected regret under the prior, to a millionth from "
-        f"below; budgets per belief are {per_belief}, scaled until they do. A rule whose parameter moves "
-        "in steps, such as rounding or a delay, spends less; the first column says how much.",
+        "All decision makers of one budget spend the same expected regret under the prior, to a millionth from below; budgets "
+        f"per belief are {per_belief}, scaled to that regret. A rule whose parameter is discrete, such as rounding or a delay, "
+        "spends less; the first column says how much.",
         _who_is_who(comparison),
         "Errors: root mean square, Euclidean, of the observer's estimate, in units of belief. naive: takes decisions for "
         "optimal; near-optimal: allows for the expected regret; budget-aware: knows the largest regret of any decision (both "
@@ -181,15 +181,15 @@ def notes_of(comparison: Comparison) -> list[str]:
         "estimate is the belief that leaves it the least regret.",
         *_columns_told(comparison),
         *_on_paths(comparison),
-        "Decisions after the first are drawn afresh under the same belief and the same mechanism; figures for more than one "
-        f"are sampled ({comparison.n_draws} sequences) where a mechanism mixes.",
-        "Decisions are read to full precision, and the prior has finitely many beliefs: an exact decision that only one of "
-        "them leads to names it.",
+        "Repeated decisions are independent draws under the same belief and mechanism; their figures are sampled "
+        f"({comparison.n_draws} sequences) where a mechanism is randomised.",
+        "Observers see decisions in full precision, and the prior has finitely many beliefs: an optimal decision of only one "
+        "of them identifies it.",
         *_watchers(comparison),
         *_rival(comparison),
-        "detectability, AUC: the area under the curve of a test of one decision against an optimal one by "
-        "the naive observer's reading; 0.5 is chance, 1 certainty.",
-        "comparison.csv has further figures, and all to full precision; its columns are the fields of "
+        "detectability, AUC: the area under the ROC curve of the test of one decision against an optimal one, by the naive "
+        "observer's estimate; 0.5 is chance, 1 certainty.",
+        "comparison.csv has all figures in full precision; its columns are the fields of "
         "ComparisonRow in inscrutable.experiments.comparison_measures, whose documentation defines each.",
         *(
             [f"Left out, because they do not suit the problem: {', '.join(comparison.left_out)}."]
@@ -200,7 +200,7 @@ def notes_of(comparison: Comparison) -> list[str]:
 
 
 def _columns_told(comparison: Comparison) -> list[str]:
-    """What the columns that are no errors mean."""
+    """Return the definitions of the columns that are not errors."""
     return [
         "regret: the expected one, as a share of the silence regret, the expected regret of the best constant decision, and "
         "of the mean optimal cost E|c*|; worst: the largest regret of any decision that is played.",
@@ -218,82 +218,77 @@ def _who_is_who(comparison: Comparison) -> str:
 
 
 def _text_of(chosen: Mapping[str, Any]) -> str:
-    """The registry's description of a decision maker."""
+    """Return the registry's description of a decision maker."""
     text = (MAKERS[chosen["name"]].__doc__ or "").partition("\n")[0].rstrip(".")
     return text[0].lower() + text[1:] + (", here among the candidates alone" if "method" in chosen else "")
 
 
 def _on_paths(comparison: Comparison) -> list[str]:
-    """Notes on rules with a memory, where there are any."""
+    """Return notes on rules with a memory, if there are any."""
     found = []
     if "delay" in comparison.makers:
         found.append(
-            "delay: the optimal decision of some steps ago, for the most whole steps that are affordable; aware: knows the "
-            "delay and how beliefs move. A belief held for longer than the delay is met with its own optimal decision."
+            "delay: the optimal decision of some steps ago, with the longest affordable delay; aware: knows the delay and the "
+            "chain of beliefs. If a belief stays for longer than the delay, the decision is its own optimal one."
         )
     if "partial trades" in comparison.makers:
         found.append(
-            "partial trades: a fraction of the way to the optimal decision at every step; aware: knows the fraction and the "
-            "decision before, from which the optimal one follows exactly. An observer who does not know the rule reads "
-            "each decision by itself."
+            "partial trades: a trade of a fixed fraction of the way to the optimal decision at every step; aware: knows the "
+            "fraction and the previous decision, which determine the optimal one exactly. An observer who does not know the "
+            "rule uses each decision alone."
         )
     if comparison.ceilings:
         found.append(
-            "sequential: depends on the observer's law and on the chain of beliefs that it is given. After "
-            "several decisions on one belief its error is shown twice: where the rule takes the belief to move by that chain, "
-            "while it happens to stay, and where the rule knows that it stays, at the same prices (rule knows it stays; its "
-            "regret is then its own, told_regret in the CSV file). Long-run figures are simulated, the expected regret among "
-            "them, which "
-            "is the one asked for up to its standard error; single decisions are read with the rule's "
-            "long-run law. stays half, twice as long: the error over time where the chain that the rule takes to be true is "
-            "wrong about how long beliefs stay. ceiling: no rule of the same expected regret "
-            "leaves the aware observer a larger error over time, on this chain of these beliefs. All these figures hold for "
-            "this chain alone."
+            "sequential: depends on the observer's law of the belief and on the chain of beliefs. For several decisions on one "
+            "belief there are two errors: the rule assumes the chain although the belief stays; or the rule knows that it "
+            "stays, at the same prices (rule knows it stays; its regret is told_regret in the CSV file). Long-run figures are "
+            "simulated; the expected regret equals the requested one up to its standard error. Single decisions are judged by "
+            "the rule's long-run law. stays half, twice as long: the error over time if beliefs stay half or twice as long as "
+            "the rule assumes. ceiling: an upper bound of the aware observer's error over time for every rule of the same "
+            "expected regret. All these figures hold for this chain of beliefs alone."
         )
     return found
 
 
 def _watchers(comparison: Comparison) -> list[str]:
-    """Notes on observers of a path of decisions, or the reason why there are none."""
+    """Return notes on observers of a path of decisions, or why there are none."""
     found = []
     if comparison.is_moving:
         found.append(
-            "aware, over time: knows the rule and how beliefs move, and follows the belief through every decision so far. "
+            "aware, over time: knows the rule and the chain of beliefs, and filters the belief given every decision so far. "
             f"Its error is over the later half of {N_PATHS} paths of {PATH_STEPS} decisions (root mean square; standard "
             "errors in the CSV file). Without decisions its error is that of the prior at every step."
         )
     else:
-        found.append("No observer follows the belief over time, because no chain of beliefs is given.")
+        found.append("There is no observer over time, because the comparison has no chain of beliefs.")
     if comparison.is_learned:
         found.append(
-            f"cost learned: does not know the risk aversion, takes {PATH_STEPS} decisions on one path of beliefs for optimal, "
-            "few of them distinct where beliefs rest, and keeps the values between a "
-            f"{GAMMA_RANGE:.0f}th and {GAMMA_RANGE:.0f} times "
-            "the true one that explain them all (risk aversion learned; wrong: the true one is not among them); then reads "
-            "single decisions as the naive observer does, with the middle of these values. Where none explains them all, it "
-            "knows that something is hidden, and no more."
+            f"cost learned: does not know the risk aversion. It takes {PATH_STEPS} decisions on one path of beliefs for "
+            f"optimal and keeps the values between a {GAMMA_RANGE:.0f}th and {GAMMA_RANGE:.0f} times the true one that explain "
+            "all of them (risk aversion learned; wrong: the true one is not among them). It then judges single decisions like "
+            "the naive observer, with the middle of these values. If no value explains all decisions, it has no estimate."
         )
     else:
-        found.append("No observer has to learn the risk aversion, because the cost has none.")
+        found.append("There is no observer who learns the risk aversion, because the cost has none.")
     if _reads_sensor(comparison):
         found.append(
-            f"error, sensor: of the sensor read from {SENSOR_STEPS} decisions on one path by an observer who knows how the "
-            "state moves and takes decisions at face value (Frobenius, best names of the symbols), as a share of the error "
-            "without any; 0 is read exactly, 1 or more is hidden. A sensor that names the state in "
-            f"{ACCURACY:.0%} of the steps stands in for the agent's, in a chain that stays in {STAYS:.0%}; beliefs between "
-            "those of the prior are shown as far from the truth as the nearest one's decision is."
+            f"error, sensor: of the sensor estimated from {SENSOR_STEPS} decisions on one path by a naive observer who knows "
+            "the transition of the state (Frobenius norm, best names of the symbols), as a share of the error without "
+            "decisions; 0 is exact, 1 or more is hidden. A sensor that names the state in "
+            f"{ACCURACY:.0%} of the steps, in a chain that stays in {STAYS:.0%}, replaces the agent's; a belief between those "
+            "of the prior is estimated with the error of the nearest one."
         )
     if comparison.pairs:
         found.append(
-            "data alone: knows neither the costs nor the rule nor which beliefs are likely, and has seen that many pairs of "
-            "belief and decision, drawn independently; what it learned from them (ridge regression, nearest neighbours or a "
-            "tree, whichever erred least on the last of them) reads single decisions."
+            "data alone: knows neither the costs nor the rule nor the prior, and has seen that many independent pairs of "
+            "belief and decision; a learner fitted to them (ridge regression, nearest neighbours or a tree, the one of least "
+            "error on the last pairs) estimates the belief from single decisions."
         )
     return found
 
 
 def _rival(comparison: Comparison) -> list[str]:
-    """Notes on a rival with a decision problem, where there is one."""
+    """Return notes on a rival with a decision problem, if there is one."""
     if not comparison.rival:
         return []
     found = (
@@ -303,9 +298,9 @@ def _rival(comparison: Comparison) -> list[str]:
     )
     if comparison.rival_is_own:
         found += (
-            " Its problem is the agent's own: it can play what it sees, so that the worth of reading and the expected regret "
-            "add up to the silence regret at least, whatever the rule (a decision that comes late or altered excepted). "
-            "Hiding protects the view from a rival with another problem, or one that comes later."
+            " Its problem is the agent's own, so it can copy: under any rule the worth of a decision and the expected regret "
+            "sum to at least the silence regret, unless decisions are late or partly disclosed. Hiding protects the belief "
+            "from a rival with another problem, or one that decides later."
         )
     return [found]
 
@@ -345,12 +340,12 @@ def _markdown_table(frame: pd.DataFrame) -> str:
 def write_comparison(
     comparison: Comparison, folder: str | os.PathLike[str], *, title: str = "Comparison"
 ) -> list[Path]:
-    """Write everything about a comparison into a folder; the same comparison gives the same bytes, comparison.npz apart.
+    """Write all files of a comparison into a folder; equal comparisons give equal bytes, except comparison.npz.
 
     Args:
         comparison: From `compare`.
         folder: Where to write; made if it is not there.
-        title: What it was made on, the heading of the Markdown file.
+        title: Description of the market, the heading of the Markdown file.
 
     Returns:
         comparison.csv (every figure in full), comparison.md, comparison.png and .svg, with a rival also comparison_rival.png

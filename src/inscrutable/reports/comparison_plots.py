@@ -28,14 +28,14 @@ _MAIN_MAKERS = ("CDM", "PDM", "rate-distortion", "Stackelberg", "sequential", "c
 
 
 def main_makers(comparison: Comparison) -> list[str]:
-    """Return the decision makers that are drawn: all, or of many the six kinds that differ most."""
+    """Return the decision makers to draw: all, or six kinds if there are many."""
     if len(comparison.makers) <= _MOST_CURVES:
         return list(comparison.makers)
     return [name for name in _MAIN_MAKERS if name in comparison.makers] or list(comparison.makers[:_MOST_CURVES])
 
 
 class _Panel(NamedTuple):
-    """One observer: how the panel is headed, its error of a row, the standard error of that, and the ceiling's budgets."""
+    """The panel of one observer: heading, error of a row, its standard error, and the ceiling's budgets."""
 
     title: str
     error: Callable[[ComparisonRow], float]
@@ -62,8 +62,7 @@ def _after(n: int, place: int) -> _Panel:
 
 
 def draw_comparison(comparison: Comparison, folder: Path) -> list[Path]:
-    """Draw the errors of the naive observer, of the aware one after each number of decisions on one belief, and of the aware
-    one over time where it is known how the belief moves; return the paths."""
+    """Draw the errors of the naive and the aware observer, also after repeated decisions and over time; return the paths."""
     panels = _panels(comparison)
     n_rows = -(-len(panels) // _COLUMNS)
     with drawing(PAGE_WIDTH, n_rows * _PANEL_HEIGHT + 0.6, nrows=n_rows, ncols=_COLUMNS, squeeze=False) as (
@@ -102,10 +101,9 @@ def _header(comparison: Comparison) -> str:
 
 
 def draw_rival(comparison: Comparison, folder: Path) -> list[Path]:
-    """Draw the worth of reading one decision to the rival against the expected regret, where there is a rival; return the
-    paths.
+    """Draw the worth of one decision to the rival against the expected regret, if there is a rival; return the paths.
 
-    Where the rival's problem is the agent's own, a line says what it can always have by copying.
+    If the rival's problem is the agent's own, a line shows the lower bound from copying.
     """
     if not (comparison.rival and comparison.secret_worth > 0):
         return []
@@ -161,7 +159,7 @@ def _plot_errors(axes: Any, comparison: Comparison, panel: _Panel) -> None:
             label="upper bound of any rule, over time",
         )
     axes.set_title(panel.title, loc="left")
-    nothing = max(comparison.budgets) <= 0  # else the axis would be as long as rounding is
+    nothing = max(comparison.budgets) <= 0  # otherwise rounding would determine the axis
     axes.set_xlim(0.0, 1.0 if nothing else None)
 
 

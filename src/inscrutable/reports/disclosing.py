@@ -1,4 +1,4 @@
-"""Files of a table of disclosures: figures as CSV, a summary that is all text, and one picture."""
+"""Files of a table of disclosures: figures as CSV, a summary as JSON, and one picture."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def summary_data(table: DisclosureTable, title: str) -> dict[str, Any]:
 
 
 def draw_disclosures(table: DisclosureTable, folder: Path) -> list[Path]:
-    """Draw the error at every step for up to six schedules, and its mean and the bits a step for all; return the paths."""
+    """Draw the error at every step for up to six schedules, and its mean and the bits per step for all; return the paths."""
     looks = looks_of([row.disclosure for row in table.rows])
     steps, places = np.arange(table.n_steps), np.arange(len(table.rows))
     with drawing(_WIDTH, _HEIGHT, ncols=2, width_ratios=[5, 4]) as (figure, (left, right)):

@@ -1,4 +1,4 @@
-"""Social learning as files and one picture: what agents learn from each other's decisions, and the cost of hiding."""
+"""Files and a picture of social learning: what agents learn from each other's decisions, and the cost of hiding."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def write_herding(table: HerdingTable, folder: str | os.PathLike[str]) -> list[P
 
 
 def draw_herding(table: HerdingTable, folder: Path) -> list[Path]:
-    """Draw the public belief in the truth agent by agent, and a rule's cost to the others against its leakage."""
+    """Draw the public probability of the true state by agent, and each rule's cost to others against its leakage."""
     looks, frame = looks_of(table.names), table.frame()
     with drawing(_WIDTH, _HEIGHT, ncols=2) as (figure, (left, right)):
         for name, found in zip(table.names, table.found, strict=True):

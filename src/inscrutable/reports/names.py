@@ -5,7 +5,7 @@ from __future__ import annotations
 from inscrutable.experiments.backtest_results import SEQUENTIAL
 
 FULL_NAMES = {"ODM": "optimal", "CDM": "counter-adversarial", "PDM": "probabilistic", SEQUENTIAL: "sequential"}
-"""What the abbreviations of decision makers stand for."""
+"""The full names of decision makers by abbreviation."""
 
 
 def spelled(name: str) -> str:

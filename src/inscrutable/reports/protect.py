@@ -1,4 +1,4 @@
-"""What to publish instead, as tables and as pictures."""
+"""Tables and pictures of weights to publish instead of the optimal ones."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ OPTIMAL, PUBLISH, ATOM, DRAWN = "ODM: optimal", "CDM: publish this", "PDM: atom"
 
 
 def protect_table(protection: Protection) -> pd.DataFrame:
-    """Return what to publish, what it costs and what an observer then concludes: a few rows per belief.
+    """Return the weights to publish, their regret and an observer's inference: a few rows per belief.
 
     Args:
         protection: From `protect`.
@@ -32,9 +32,8 @@ def protect_table(protection: Protection) -> pd.DataFrame:
     Returns:
         A frame on (row label, what). What: the optimal weights (ODM), the weights to publish (CDM), every atom of the
         lottery (PDM) and its draw. Columns: its probability (none for the draw); the regret in the cost's unit
-        and as a share of |c*|; the privacy Ψ under the chosen measure; the distance from the belief to what an observer
-        concludes, the naive one, and that conclusion, the centre of its set, for each regime; its
-        most likely regime; the weights of all assets.
+        and as a share of |c*|; the privacy Ψ under the chosen measure; the distance from the belief to the naive observer's
+        estimate; that estimate, the centre of its set, for each regime; its most likely regime; the weights of all assets.
 
     Example: see `write_protect`.
     """
@@ -62,7 +61,7 @@ def protect_table(protection: Protection) -> pd.DataFrame:
 
 
 def _options(protection: Protection, step: int) -> list[tuple[str, float, Array, BeliefSet, float, float]]:
-    """(what, probability, action, set, regret, privacy) of everything that could be published in one row."""
+    """Return (what, probability, action, set, regret, privacy) of all options in one row."""
     publish: Decision = protection.deterministic[step]
     lottery: MixedDecision = protection.lotteries[step]
     drawn: Decision = protection.drawn[step]
@@ -124,7 +123,7 @@ def row_lines(protection: Protection) -> pd.DataFrame:
 
 
 def _from_planned(protection: Protection, step: int, action: Array) -> dict[str, str]:
-    """By how much weights differ from the planned ones, where there were some."""
+    """Return the difference of weights from the planned ones, if there were any."""
     if protection.planned is None:
         return {}
     return {"from planned": f"{0.5 * np.abs(action - protection.planned.rows[step].action).sum():.3f}"}
@@ -141,18 +140,18 @@ def published_weights(protection: Protection, *, drawn: bool = False) -> pd.Data
 
 
 def what_each_says(protection: Protection, step: int) -> dict[str, BeliefSet]:
-    """Return what an observer reconstructs from each publication of one row, by the name it is drawn under."""
+    """Return the naive observer's set for each option of one row, by its name in the picture."""
     lottery = protection.lotteries[step]
     said = {"ODM": protection.optimal_sets[step]}
     for k, share in enumerate(lottery.probabilities):
         if share >= _SMALLEST_SHOWN:
             said[f"PDM{'' if k == 0 else f' {k + 1}'}, {share:.1%}"] = lottery.belief_sets[k]
-    said["CDM"] = protection.deterministic.belief_set[step]  # drawn last: a cross stays visible on an atom's square
+    said["CDM"] = protection.deterministic.belief_set[step]  # plotted last: a cross stays visible on an atom's square
     return said
 
 
 def plot_protected_beliefs(protection: Protection, step: int, axes: Any) -> None:
-    """Draw one row for any number of regimes: the belief, and what an observer concludes from each publication."""
+    """Draw one row for any number of regimes: the belief, and the naive observer's inference from each option."""
     regimes = protection.model.regimes
     place = np.arange(len(regimes))
     axes.plot(place, protection.beliefs[step], "*", color=BLACK, markersize=9, label="private belief", zorder=4)
@@ -168,7 +167,7 @@ def plot_protected_beliefs(protection: Protection, step: int, axes: Any) -> None
 
 
 def plot_protected_weights(protection: Protection, step: int, axes: Any) -> None:
-    """Draw the weights of one row that matter: optimal, to publish, and the lottery's draw."""
+    """Draw the main weights of one row: optimal, to publish, and the lottery's draw."""
     actions = np.array([protection.optimal[step], protection.deterministic.action[step], protection.drawn.action[step]])
     held = np.flatnonzero(np.abs(actions).max(axis=0) >= 0.005)
     place = np.arange(len(held))

@@ -1,4 +1,4 @@
-"""The paper's figures, the table of its claims, and every number behind them, as files."""
+"""Files of a reproduction: the paper's figures, the table of its claims, and all numbers."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def write_reproduction(result: Reproduction, folder: str | os.PathLike[str], *, 
 
     Args:
         result: What `reproduce` returned.
-        folder: Where to; created where needed, files of the same names are replaced.
+        folder: The folder, created if needed; files of the same names are replaced.
         jobs: Processes that draw; −1 is one per core.
 
     Returns:
@@ -56,7 +56,7 @@ def write_reproduction(result: Reproduction, folder: str | os.PathLike[str], *, 
 
     place = output_folder(folder)
     tasks = [delayed(draw_variant)(result, variant, place) for variant in result.episodes]
-    with renewed_quietly():  # the processes are those that did the markets, and have grown
+    with renewed_quietly():  # these processes computed the markets and use more memory
         drawn = Parallel(n_jobs=jobs)([*tasks, delayed(draw_convergence)(result, place)])
     written = [path for paths in drawn for path in paths]
     write_table(claims_frame(result), place / "claims.csv")
@@ -102,7 +102,7 @@ def draw_convergence(result: Reproduction, folder: Path) -> list[Path]:
 
 
 def claims_table(result: Reproduction) -> pd.DataFrame:
-    """Return the claims for a person to read: the claim, what was measured in either variant, the verdict."""
+    """Return the claims as text: the claim, the measured quantity in either variant, the verdict."""
     rows = [
         {
             "claim": claim.text,
@@ -124,7 +124,7 @@ def verdict(result: Reproduction) -> str:
 
 
 def introduction_table(claims: Sequence[IntroductionClaim]) -> pd.DataFrame:
-    """Return the claims of the introduction for a person to read: what was measured against either rival, and the verdict."""
+    """Return the claims of the introduction as text: the measured quantity against either observer, and the verdict."""
     rows = [
         {
             "claim": claim.text,
@@ -153,7 +153,7 @@ def claims_frame(result: Reproduction) -> pd.DataFrame:
 
 
 def summary_of(result: Reproduction) -> dict[str, Any]:
-    """Return every number behind the figures and the claims as plain data; the number of jobs leaves no trace."""
+    """Return all numbers of the figures and claims as plain data, independent of the number of jobs."""
     return {
         "settings": result.settings.model_dump(),
         "market": {

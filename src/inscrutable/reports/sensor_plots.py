@@ -1,4 +1,4 @@
-"""The profile of a sensor's likelihood: the parameters that decisions leave plausible."""
+"""Plots of the profile likelihood of a sensor's parameters."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from inscrutable.errors import InputError
 from inscrutable.reports.style import Look
 
 _DEEPEST = 8.0
-"""How far below the maximum a profile is drawn; what lies deeper is as good as ruled out."""
+"""Depth below the maximum to which a profile is drawn; lower values are implausible."""
 
 _PLAUSIBLE = -1.92
 """Half the 95 % quantile of χ² with one degree of freedom."""
 
 
 def plot_profile(axes: Any, calibrated: CalibratedSensor, look: Look, *, parameter: int = 0, label: str = "") -> None:
-    """Draw by how much the log-likelihood falls as one parameter leaves its best value, with the 95 % interval.
+    """Draw the profile log-likelihood of one parameter relative to its maximum, with the 95 % interval.
 
     Args:
         axes: A Matplotlib axis.
         calibrated: From `calibrate_sensor`.
         look: Colour, mark and line, such as one of `style.looks_of`.
-        parameter: Which one, counted from 0.
-        label: Of the line in a legend.
+        parameter: Index of the parameter, from 0.
+        label: Label of the line in a legend.
 
     Raises:
         InputError: There is no such parameter.

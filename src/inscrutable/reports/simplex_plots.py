@@ -16,7 +16,7 @@ from inscrutable.reports.names import spelled
 from inscrutable.reports.style import BLACK, LOOKS, Look, around, looks_of, ternary_labels
 
 _CORNERS = 3
-_BAR_HEIGHT = 0.35  # of a bar of probability one, where the triangle is 1 high
+_BAR_HEIGHT = 0.35  # height of a bar of probability one; the triangle has height 1
 _LEAST_BAR = 0.005  # a smaller probability is written 0.00
 _DASH = 4.0  # points
 _LEGEND = {
@@ -45,10 +45,10 @@ def plot_actions(
         actions: Decisions (3,) by decision maker, in the order of the legend.
         names: The three assets, from the top corner anticlockwise.
         candidates: The set {ū^(l)}, shape (M,3), drawn as small circles.
-        lottery: What a PDM mixes: a bar per decision, as high as its probability.
+        lottery: A lottery of the PDM: one bar per decision, with its probability as height.
 
     Raises:
-        InputError: A decision has not three coordinates.
+        InputError: A decision does not have three coordinates.
     """
     ternary_labels(axes, (names[0], names[1], names[2]))
     orange = LOOKS["PDM"].colour
@@ -65,7 +65,7 @@ def plot_actions(
 
 
 def plot_beliefs(axes: Any, belief: ArrayLike, seen: Mapping[str, BeliefSet], names: Sequence[str]) -> None:
-    """Draw the private belief, what the adversary reconstructs from each decision, and the distances as dashed lines.
+    """Draw the private belief, the naive observer's set for each decision, and the distances as dashed lines.
 
     Args:
         axes: A ternary axis.
@@ -74,7 +74,7 @@ def plot_beliefs(axes: Any, belief: ArrayLike, seen: Mapping[str, BeliefSet], na
         names: The three regimes, from the top corner anticlockwise.
 
     Raises:
-        InputError: The belief is not one over three regimes.
+        InputError: The belief is not over three regimes.
     """
     ternary_labels(axes, (names[0], names[1], names[2]))
     held = _triples(validation.beliefs(belief, _CORNERS), "belief")
@@ -119,7 +119,7 @@ def _bars(axes: Any, lottery: MixedDecision, colour: str) -> None:
     shown = [atom for atom, share in enumerate(lottery.probabilities) if share >= _LEAST_BAR]
     across = {atom: lottery.actions[atom, 2] - lottery.actions[atom, 1] for atom in shown}
     shown.sort(key=across.__getitem__)
-    # The numbers stand in the legend, from left to right: beside the bars they would meet one another and the ticks.
+    # The numbers are in the legend, from left to right: beside the bars they would overlap.
     label = f"p = {', '.join(f'{lottery.probabilities[atom]:.2f}' for atom in shown)}"
     for atom in shown:
         ends = lottery.actions[atom] + np.outer([0.0, _BAR_HEIGHT * lottery.probabilities[atom]], upward)

@@ -1,4 +1,4 @@
-"""One look for every picture: the paper's markers, colours that colour-blind readers can distinguish, saved whole."""
+"""The style of every picture: the paper's markers, a colour-blind-safe palette, and atomic saving."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from inscrutable.validation import Array
 
 
 class Look(NamedTuple):
-    """How one decision maker is drawn."""
+    """The look of one decision maker."""
 
     colour: str
     marker: str
@@ -46,7 +46,7 @@ _OTHERS = (
     Look("#117733", "<", "--"),
     Look("#44AA99", "*", ":"),
 )
-"""For names of no decision maker, in the order in which they appear."""
+"""Looks for other names, in order of appearance."""
 
 CROSSES = "x+"
 _NAME_WIDTH = 24
@@ -71,7 +71,7 @@ def curve_of(look: Look, inside: str) -> dict[str, Any]:
 
 
 def look_of(name: str) -> Look:
-    """Return how a decision maker is drawn; a variant such as "CDM local" takes its family's colour."""
+    """Return the look of a decision maker; a variant such as "CDM local" has its family's colour."""
     for family, look in LOOKS.items():
         if name == family:
             return look
@@ -81,7 +81,7 @@ def look_of(name: str) -> Look:
 
 
 def looks_of(names: Iterable[str]) -> dict[str, Look]:
-    """Return how each of several names is drawn; other names get different looks, too."""
+    """Return the looks of several names, all different."""
     looks, strangers = {}, 0
     for name in names:
         looks[name] = look_of(name)
@@ -130,7 +130,7 @@ def save_figure(figure: Any, folder: Path, name: str) -> list[Path]:
     """Write `name`.png and `name`.svg into a folder, whole or not at all, and return their paths."""
     import matplotlib
 
-    # Layout and outline are found once, at the resolution of the PNG, and hold for both files.
+    # Layout and bounding box are computed once, at the resolution of the PNG, for both files.
     if matplotlib.rcParams["savefig.dpi"] != "figure":
         figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
     figure.draw_without_rendering()
@@ -155,7 +155,7 @@ def around(corners: Array) -> Array:
 
 
 def as_written(name: str) -> str:
-    """Return a reader's own name for a picture: never a formula, never left out of a legend, in lines where it is long.
+    """Return a user's name for a picture: escaped as plain text, shown in legends, wrapped if long.
 
     Example:
         >>> as_written("US$ and C$")

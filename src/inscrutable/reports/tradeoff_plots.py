@@ -1,4 +1,4 @@
-"""Privacy against what it may cost, and against how many samples it is made from; means with their spread."""
+"""Privacy against the cost budget, and against the number of samples; means with their spread."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from inscrutable.errors import InputError
 from inscrutable.reports.names import spelled
 from inscrutable.reports.style import GREEN, ORANGE, PURPLE, Look, looks_of
 
-_MIDDLE = (10.0, 90.0)  # percentiles: the spread of the middle eight of ten simulations
+_MIDDLE = (10.0, 90.0)  # percentiles: the middle 80 % of the simulations
 _BESIDE = 1.07  # three spreads stand side by side on a logarithmic axis
 _SHORT = 16  # letters of a name of which three stand side by side
 _KIND_LOOKS = (Look(ORANGE, "o", "-"), Look(PURPLE, "D", "--"), Look(GREEN, "s", "-."))

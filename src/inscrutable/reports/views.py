@@ -17,7 +17,7 @@ from inscrutable.reports.style import BLUE, GREY, ORANGE, PAGE_WIDTH, as_written
 _MOST_ASSETS = 30
 _HEIGHT_OF_ASSET = 0.22
 _LARGEST_BOOK = 20.0
-"""Wealths that long and short weights add up to in size at most; more are probably percentages or money."""
+"""Largest sum of absolute weights; larger sums are probably percentages or money."""
 
 
 def views_frame(read: Mapping[Any, ImpliedViews]) -> pd.DataFrame:
@@ -28,7 +28,7 @@ def views_frame(read: Mapping[Any, ImpliedViews]) -> pd.DataFrame:
 
 
 def views_summary(read: Mapping[Any, ImpliedViews]) -> dict[str, Any]:
-    """Return what was read of each portfolio as plain data."""
+    """Return the views of each portfolio as plain data."""
     kept = ("status", "dimension", "regret", "digits", "reference")
     portfolios = {
         label_text(label): {
@@ -44,7 +44,7 @@ def views_summary(read: Mapping[Any, ImpliedViews]) -> dict[str, Any]:
 
 
 def views_remarks(read: Mapping[Any, ImpliedViews]) -> list[str]:
-    """Return what should be said beside the views: weights that look like percentages or money."""
+    """Return remarks on the views: weights that look like percentages or money."""
     sizes = {label_text(label): float(np.abs(views.weights).sum()) for label, views in read.items()}
     if not sizes or max(sizes.values()) <= _LARGEST_BOOK:
         return []

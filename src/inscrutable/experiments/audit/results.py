@@ -103,9 +103,9 @@ class SecretAudit(Saved):
         """Return what may be claimed about this secret, in a few lines."""
         if not self.is_found:
             return (
-                f"{self.name}: nothing found (p = {self.p_value:.2g}). A leak that explains {_percent(self.detectable)} of it, "
-                f"in a way that these learners can learn and in all rows alike, would have been found in about {POWER:.0%} of "
-                "such audits; one that few rows tell, in fewer.\n"
+                f"{self.name}: nothing found (p = {self.p_value:.2g}). The power is about {POWER:.0%} for a leak that explains "
+                f"{_percent(self.detectable)} of it, if these learners can learn it and all rows leak alike; it is less for a "
+                "leak in few rows.\n"
                 f"  {self._errors()}"
             )
         told = self.telling()
@@ -114,8 +114,8 @@ class SecretAudit(Saved):
         lines = [
             f"{self.name}: leaks (p = {self.p_value:.2g}), since {self.since}; noticed by {self.noticed}.",
             f"  {self._errors()}",
-            f"  explained {self.explained:.1%} of it; alone tell the columns: {few(names, _MOST_SOURCES) or 'none'}"
-            + (f"; the lags: {few(late, _MOST_SOURCES)}" if late else ""),
+            f"  explained {self.explained:.1%} of it; columns that leak alone: {few(names, _MOST_SOURCES) or 'none'}"
+            + (f"; lags: {few(late, _MOST_SOURCES)}" if late else ""),
         ]
         return "\n".join(lines)
 
@@ -200,9 +200,9 @@ class PairsAudit(Summarised, Saved):
         lags = f"lags {', '.join(map(str, self.lags))}" if self.lags != (0,) else "the decision of the same row"
         lines = [
             *(each.summary() for each in self.secrets),
-            f"{self.n_rows} rows, the last {self.n_judged} judged, each block by what was learned from the rows before it, "
-            f"less an embargo of {self.embargo}; {lags}; {self.n_shifts} circular shifts; {', '.join(self.learners)}.",
-            "This says that at least so much leaks, never that no more does: others may learn better.",
+            f"{self.n_rows} rows, the last {self.n_judged} for the test; learners of each block are fitted to the rows before "
+            f"it, minus an embargo of {self.embargo}; {lags}; {self.n_shifts} circular shifts; {', '.join(self.learners)}.",
+            "These are lower bounds of the leak: other learners may find more.",
             *(f"Note: {note}." for note in self.notes),
         ]
         return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""The page of a backtest: what the sliders over time and budget show, thinned and rounded."""
+"""The page of a backtest: data for sliders over time and budget, thinned and rounded."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _DIGITS = 4
 _CURVE_POINTS = 64
 _PER_MILLE = 1000.0
 _MOST_ASSETS = 12
-"""Rows of the weights of one decision; the further assets are added up in one row more."""
+"""Most rows in the table of weights; one more row has the sum of the other assets."""
 _TRIANGLE = 3
-"""Regimes whose beliefs are drawn on a triangle."""
+"""Number of regimes for a plot on a triangle."""
 
 
 def backtest_content(result: Backtest, title: str | None, manifest: Mapping[str, str]) -> PageContent:
-    """Return the content of a backtest's page; `manifest` are further lines of its own."""
+    """Return the content of a backtest's page; `manifest` has further lines for the page's manifest."""
     sweep = BudgetSweep(result)
     played = {name: [sweep.played(name, b) for b in range(len(sweep.amounts))] for name in sweep.names}
     figures = sweep_figures(sweep, played)
@@ -98,7 +98,7 @@ def budget_texts(result: Backtest, amounts: Array) -> list[str]:
 
 
 def page_data(sweep: BudgetSweep, played: Mapping[str, list[tuple[PlayedAt, ...]]]) -> dict[str, Any]:
-    """Return what the script reads: rounded numbers, every belief set once."""
+    """Return the script's data: rounded numbers, every belief set once."""
     result, sets = sweep.result, _Sets()
     looks = looks_of(result.names)
     scale = np.where(sweep.scale > 0, sweep.scale, np.nan)
@@ -134,7 +134,10 @@ def page_data(sweep: BudgetSweep, played: Mapping[str, list[tuple[PlayedAt, ...]
 
 
 def _published_weights(sweep: BudgetSweep) -> dict[str, Any]:
-    """At each step [assets, those held beyond them, weights per mille by decision maker, the last that of the others]."""
+    """Return, per step, [assets, number of other held assets, weights per mille by decision maker].
+
+    The last weight of a decision maker is the sum of the others.
+    """
     result = sweep.result
     weights = np.stack([result.weights(name).to_numpy()[sweep.steps] for name in result.names])
     largest = np.abs(weights).max(axis=0)
@@ -150,7 +153,7 @@ def _published_weights(sweep: BudgetSweep) -> dict[str, Any]:
 
 
 def _followed(sweep: BudgetSweep) -> dict[str, Any] | None:
-    """The belief of the aware observer over time, the bits published so far, and its error so far."""
+    """Return the aware observer's belief over time, the bits leaked so far, and its error so far."""
     result = sweep.result
     if result.aware is None:
         return None
@@ -159,7 +162,7 @@ def _followed(sweep: BudgetSweep) -> dict[str, Any] | None:
     counted = np.arange(1, len(own) + 1)
     figures = result.figures[result.names[0]]
     return {
-        # The last first: where the sequential rule plays, it stands beside the investor's own belief.
+        # Last first: the sequential rule is then next to the investor's own belief.
         "beliefs": {name: read[name][sweep.steps].round(_DIGITS) for name in result.names[:0:-1]},
         "bits": {name: result.aware.bits[name].cumsum()[sweep.steps].round(_DIGITS) for name in result.names},
         "errors": {
@@ -180,7 +183,7 @@ class _Sets:
         self._places: dict[bytes, int] = {}
 
     def place(self, found: BeliefSet) -> int:
-        """The number of a set among those that the page holds once each."""
+        """Return the index of a set in the page's list of distinct sets."""
         corners = found.vertices()
         if found.dimension > 1 and found.n_states == _TRIANGLE:
             corners = around(corners)
@@ -210,13 +213,13 @@ def _rounded(value: float) -> float:
 
 
 def _curves(front: Frontier, scale: float, most: float) -> dict[str, Any]:
-    """Both curves up to the largest budget, in the budget's unit: steps of single decisions, corners of lotteries."""
+    """Return both curves up to the largest budget, in the budget's unit: steps for single decisions, corners for lotteries."""
     if not scale > 0:
         return {"single": [], "mixed": []}
     single = front.points / [scale, 1.0]
     single = single[(single[:, 0] <= most) & np.isfinite(single[:, 1])]
     if len(single) > _CURVE_POINTS:
-        # The last point of each cell: finest where budgets are small.
+        # The last point of each cell; cells are finest at small budgets.
         cell = np.floor(np.sqrt(single[:, 0] / most) * _CURVE_POINTS)
         single = single[np.append(cell[1:] > cell[:-1], True)]
     corners = front.corners / [scale, 1.0]

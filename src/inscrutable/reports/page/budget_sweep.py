@@ -1,4 +1,4 @@
-"""A backtest at every budget: the decisions of CDM and PDM at each, from the frontiers, and the estimates of both observers."""
+"""A backtest at every budget: decisions of CDM and PDM from the frontiers, and the estimates of both observers."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from inscrutable.validation import Array
 
 MOST_STEPS = 330
 MULTIPLES = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0)
-"""Of the backtest's own budget."""
+"""Multiples of the backtest's own budget."""
 
 _WITHOUT = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5)
-"""Shares of |c*|, of its mean for a budget of regret, where the own budget is nothing."""
+"""Budgets as shares of |c*| (of its mean for a budget of regret), if the backtest's own budget is zero."""
 
 SINGLE, LOTTERY = "CDM", "PDM"
 _CHILD_OF_SEED = 4
@@ -30,17 +30,17 @@ _CHILD_OF_SEED = 4
 
 
 class Atom(NamedTuple):
-    """A decision that may be played: which one, how likely, its regret in the cost's unit, its privacy."""
+    """A possible decision: index, probability, regret in the cost's unit, and privacy."""
 
     candidate: int
-    """A candidate; the number of candidates itself stands for the optimal decision."""
+    """Index of a candidate; the number of candidates means the optimal decision."""
     probability: float
     regret: float
     privacy: float
 
 
 class PlayedAt(NamedTuple):
-    """What is played at one step and budget."""
+    """The decisions at one step and budget."""
 
     atoms: tuple[Atom, ...]
     drawn: int
@@ -50,7 +50,7 @@ class PlayedAt(NamedTuple):
 
 
 def single_at(frontier: Frontier, limit: float) -> tuple[Atom, ...]:
-    """Return the best single decision within a regret; none where nothing affordable counts."""
+    """Return the best single decision within a regret; none if no affordable decision has a privacy."""
     place = int(np.searchsorted(frontier.points[:, 0], limit, side="right")) - 1
     return () if place < 0 else (Atom(int(frontier.indices[place]), 1.0, *map(float, frontier.points[place])),)
 
@@ -69,7 +69,7 @@ def lottery_at(frontier: Frontier, limit: float) -> tuple[Atom, ...]:
 
 
 def _number(frontier: Frontier, corner: int) -> int:
-    """Which candidate a corner is: corners are points, too."""
+    """Return the index of the candidate at a corner."""
     place = int(np.searchsorted(frontier.points[:, 0], frontier.corners[corner, 0], side="left"))
     return int(frontier.indices[place])
 
@@ -79,7 +79,7 @@ _RULES = {SINGLE: single_at, LOTTERY: lottery_at}
 
 @dataclass(eq=False)
 class _AtBudget:
-    """A decision maker that plays what frontiers say, as `mechanism` needs it."""
+    """A decision maker that plays the frontiers' decisions, in the form that `mechanism` takes."""
 
     problem: DecisionProblem
     actions: Array
@@ -87,7 +87,7 @@ class _AtBudget:
     atoms: Sequence[tuple[Atom, ...]]
 
     def decide_many(self, beliefs: object) -> object:
-        """Not asked for: `table` says it all."""
+        """Not used: `mechanism` calls `table`."""
         raise NotImplementedError
 
     def table(self, beliefs: object) -> tuple[Array, np.ndarray, Array]:
@@ -101,14 +101,14 @@ class _AtBudget:
 
 
 class BudgetSweep:
-    """What a backtest's CDM and PDM play at every budget, at no more than `MOST_STEPS` of its steps.
+    """The decisions of a backtest's CDM and PDM at every budget, at no more than `MOST_STEPS` of its steps.
 
-    At the backtest's own budget that is what was published; at others it is the best of the candidates, without the last
-    polish. Of a lottery one decision is drawn, by the same uniform number at every budget.
+    At the backtest's own budget these are the published ones; at others the best candidates, without local refinement. A
+    lottery is drawn with the same uniform number at every budget.
 
     Args:
         result: The backtest.
-        most_steps: Steps that are kept, evenly over time.
+        most_steps: Number of steps, evenly spaced over time.
     """
 
     def __init__(self, result: Backtest, most_steps: int = MOST_STEPS) -> None:
@@ -123,7 +123,7 @@ class BudgetSweep:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The decision makers of which it is known what they play at every budget."""
+        """The decision makers with decisions at every budget."""
         return tuple(name for name in self.result.names if name in ("ODM", *_RULES))
 
     @property
@@ -133,7 +133,7 @@ class BudgetSweep:
 
     @property
     def scale(self) -> Array:
-        """Regret that one unit of budget buys at each step, shape (T,): |c*|, or 1 for a budget of regret."""
+        """Regret per unit of budget at each step, shape (T,): |c*|, or 1 for a budget of regret."""
         return np.abs(self.optimal_costs) if self.result.budget.is_relative else np.ones(len(self.steps))
 
     @cached_property
@@ -154,13 +154,13 @@ class BudgetSweep:
         )
 
     def played(self, name: str, budget: int) -> tuple[PlayedAt, ...]:
-        """Return what a decision maker plays at every step at a budget; the ODM's does not depend on it."""
+        """Return a decision maker's decisions at every step at a budget; the ODM's do not depend on it."""
         if name not in _RULES or budget == self.own:
             return self._published(name)
         candidates, rule = self.result.candidates, _RULES[name]
         limits = self.amounts[budget] * self.scale
         atoms = [
-            # Where nothing affordable counts, the optimal decision is played.
+            # If no affordable decision has a privacy, the decision is the optimal one.
             rule(front, limits[t]) or (Atom(len(candidates), 1.0, 0.0, -np.inf),)
             for t, front in enumerate(self.frontiers)
         ]
@@ -196,7 +196,7 @@ class BudgetSweep:
         return min(int(np.searchsorted(reached, self._luck[t], side="right")), len(atoms) - 1)
 
     def _read(self, name: str, amount: float, actions: Array) -> Array | None:
-        """The estimates of an observer who knows this rule at this budget, and the prior."""
+        """Return the estimates of an observer who knows this rule, this budget and the prior."""
         aware, result = self.result.aware, self.result
         if aware is None:
             return None
@@ -232,7 +232,7 @@ class BudgetSweep:
 
 
 def _amounts(result: Backtest) -> tuple[Array, int]:
-    """Budgets in the unit of the backtest's own, and which of them that is."""
+    """Return the budgets, in the unit of the backtest's own, and the index of the latter."""
     own = result.budget.amount
     if own > 0:
         return own * np.array(MULTIPLES), MULTIPLES.index(1.0)

@@ -1,4 +1,4 @@
-"""The page of a comparison: budgets and numbers of decisions seen, to slide through."""
+"""The page of a comparison, with sliders for the budget and the number of observed decisions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _GIVEN_AS = {"silence": "shares of the silence regret", "cost": "shares of E|c*|
 
 
 def comparison_content(comparison: Comparison, title: str | None, manifest: Mapping[str, str]) -> PageContent:
-    """Return the content of a comparison's page; `manifest` are further lines of its own."""
+    """Return the content of a comparison's page; `manifest` has further lines for the page's manifest."""
     seen = [_decisions(n) for n in comparison.repeats] + ["all so far, on a belief that moves"] * comparison.is_moving
     budgets = [worth(comparison, budget) for budget in comparison.budgets]
     return PageContent(
@@ -79,13 +79,13 @@ def comparison_content(comparison: Comparison, title: str | None, manifest: Mapp
 
 
 def _short(comparison: Comparison) -> list[str]:
-    """Budgets as text that fits beside a slider on a phone."""
+    """Return budgets as text that fits beside a slider on a phone."""
     silent = comparison.silence_regret
     return [f"{each / silent:.0%} of silence" if silent > 0 else f"{each:.3g}" for each in comparison.budgets]
 
 
 def _middle(comparison: Comparison) -> int:
-    """The budget that the verdict speaks of."""
+    """Return the index of the verdict's budget."""
     return comparison.budgets.index(comparison.middle_budget)
 
 
@@ -94,7 +94,7 @@ def _decisions(n: int) -> str:
 
 
 def _table(comparison: Comparison, place: int, text: str, columns: list[str] | None) -> PageTable:
-    """The figures at one budget: some columns, or all."""
+    """Return the table of figures at one budget: some columns, or all."""
     frame = short_table(comparison, comparison.budgets[place])
     heading = f"Expected regret of {text}" if columns else f"All figures at an expected regret of {text}"
     frame = frame[columns] if columns else frame
@@ -103,7 +103,7 @@ def _table(comparison: Comparison, place: int, text: str, columns: list[str] | N
 
 
 def page_data(comparison: Comparison) -> dict[str, Any]:
-    """Return what the script reads, rounded."""
+    """Return the script's data, rounded."""
     looks = looks_of(comparison.makers)
     silent = comparison.silence_regret > 0
     scale = PERCENT / comparison.silence_regret if silent else 1.0
@@ -135,7 +135,7 @@ def page_data(comparison: Comparison) -> dict[str, Any]:
 
 
 def _seen(repeated: Array, over_time: float, comparison: Comparison) -> Array:
-    """Figures after each number of decisions on one belief, and over time where that is known."""
+    """Return the figures after each number of decisions on one belief, and over time where known."""
     return np.asarray(np.round(np.append(repeated, [over_time] * comparison.is_moving), _DIGITS))
 
 

@@ -1,4 +1,4 @@
-"""What a page is made of, as plain data: sentences, sliders, figures that a script draws, tables, and the script's data."""
+"""The content of a page as plain data: sentences, sliders, scripted figures, tables, and the script's data."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ class PageTable:
     """A table of text; the first column holds the rows' headers.
 
     Args:
-        heading: What it shows; shown as its caption.
+        heading: Its caption.
         columns: Headers, one per column.
         rows: Cells, one per column.
-        choice: A slider's name and the position at which the table is shown; None is always. Print shows all.
-        is_prose: Whether cells are read one by one, not down a column: a phone then shows each row as a block.
+        choice: A slider's name and the position at which the table is visible; None: always. Print shows all.
+        is_prose: Whether cells are prose; a phone then shows each row as a block.
     """
 
     heading: str
@@ -32,9 +32,9 @@ class PageSlider:
 
     Args:
         name: Its name in the address, as in `#budget=3`, and in the script; letters only.
-        label: What it moves.
+        label: Its label on the page.
         texts: What each position means.
-        start: The position at first.
+        start: The initial position.
     """
 
     name: str
@@ -50,7 +50,7 @@ class PageSlider:
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A place where the script draws.
+    """A figure that the script draws.
 
     Args:
         name: The figure's name in the script; letters only.
@@ -67,7 +67,7 @@ class PageFigure:
 
 @dataclass(frozen=True)
 class PagePicture:
-    """A picture that was drawn beforehand.
+    """A static picture.
 
     Args:
         heading: Its title.
@@ -82,25 +82,25 @@ class PagePicture:
 
 @dataclass(frozen=True)
 class PageContent:
-    """All that a page holds.
+    """The content of a page.
 
     Args:
         title: The heading.
         header: One line below it.
-        verdict: Sentences: what was found, a few short ones, the answer first; two stand before the leading picture.
+        verdict: A few short sentences on the findings, the answer first; two come before the leading picture.
         lead: The picture that shows the verdict; None for a page without.
-        limits: Sentences: what the verdict's words mean, and what it rests on.
-        cautions: Sentences: what the verdict leaves out.
+        limits: Sentences: the meaning of the verdict's words, and its basis.
+        cautions: Sentences: cautions on the verdict.
         tables: The main tables.
-        sliders: What a reader can move.
-        figures: What the script draws, in order.
-        pictures: What was drawn beforehand, in order.
-        details: Tables that are folded at first.
-        failures: What went wrong or was left out, one sentence each.
+        sliders: The sliders.
+        figures: The scripted figures, in order.
+        pictures: The static pictures, in order.
+        details: Tables that are collapsed initially.
+        failures: Errors and omissions, one sentence each.
         notes: Definitions.
-        manifest: Versions, seed, settings, data: what it takes to make the page again.
+        manifest: Versions, seed, settings and data needed to reproduce the page.
         script: Name of the asset that draws the figures; None for a page without.
-        data: What the script reads: numbers, text, lists, mappings; NaN and infinities become null.
+        data: The script's data: numbers, text, lists, mappings; NaN and infinities become null.
     """
 
     title: str

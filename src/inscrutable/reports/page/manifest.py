@@ -1,4 +1,4 @@
-"""The data to make a page again: versions, and a hash of the data."""
+"""The manifest of a page: versions and a hash of the data."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from inscrutable.experiments.studies.runner import versions
 
 
 def versions_told(known: Mapping[str, Any] | None = None) -> dict[str, str]:
-    """Return the versions of all packages that produced the numbers, a line each; None: those at work now."""
+    """Return the versions of all packages behind the numbers, one line each; None: the current ones."""
     return {f"version of {name}": str(number) for name, number in (versions() if known is None else known).items()}
 
 
@@ -24,7 +24,7 @@ def hash_of(frame: pd.DataFrame) -> str:
 
 
 def manifest_of(study: Study) -> dict[str, str]:
-    """Return what a study's store knows of how it was begun: versions, seed, data, and every key of its file."""
+    """Return a study's manifest from its store: versions, seed, data, and every key of its file."""
     known = study.manifest()
     found = versions_told(known.get("versions", {}))
     found["seed"] = str(study.plan.seed)
@@ -34,7 +34,7 @@ def manifest_of(study: Study) -> dict[str, str]:
 
 
 def keys_of(file: Mapping[str, Any]) -> dict[str, str]:
-    """Return every key of a study's file as text, but those that have lines of their own."""
+    """Return the keys of a study's file as text, except those with their own lines."""
     return {
         key.replace("_", " "): value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
         for key, value in file.items()

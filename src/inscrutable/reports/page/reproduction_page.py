@@ -36,7 +36,7 @@ _DRAWN = {
     ),
 }
 _FEW = 30
-"""Markets below which averages have standard errors too wide to judge a claim by."""
+"""Number of markets below which standard errors are too large to judge a claim."""
 _NOTES = (
     "ODM: the original decision maker, who plays the optimal decision. CDM: the counter-adversarial one, the most private "
     "decision within the budget. PDM: the probabilistic one, a lottery within the budget on average.",
@@ -57,7 +57,7 @@ def reproduction_content(
 
     Args:
         result: What `reproduce` returned.
-        title: The heading; None says what was done.
+        title: The heading; None: a default.
         manifest: More lines for the manifest.
         drawn: Folder with the pictures that `write_reproduction` made of this result; None draws them.
     """

@@ -46,7 +46,7 @@ _HOLDS = {"each": "for every belief", "mean": "in expectation, the same for all 
 
 
 def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) -> PageContent:
-    """Return the content of a study's page; `manifest` are further lines of its own."""
+    """Return the content of a study's page; `manifest` has further lines for the page's manifest."""
     means, status = means_of(*study.gridded()), study.status()
     shown = _shown(means)
     sweep = sweep_of(study.gridded()[0], list(dict.fromkeys(means.makers)))
@@ -99,19 +99,19 @@ def file_of(study: Study) -> StudyFile:
 
 
 def _shown(means: StudyMeans) -> list[int]:
-    """Settings that the page has room for, spread evenly over all."""
+    """Return the settings that the page shows, evenly spaced over all."""
     room = max(1, _MOST_CELLS // max(1, len(means.makers) * len(means.figures)))
     total = len(means.settings)
     return [int(place) for place in np.unique(np.linspace(0, total - 1, min(room, total)).round())]
 
 
 def _titled(name: str) -> str:
-    """The title of a measure; that of one of a user's own is its name."""
+    """Return the title of a measure; for a user-defined measure its name."""
     return MEASURES[name].title if name in MEASURES else name
 
 
 def title_of(figure: Figure) -> str:
-    """Return a figure's title: what it is, and against whom."""
+    """Return a figure's title: the measure and the observer."""
     return ", ".join(filter(None, [_titled(figure.measure), spoken_observer(figure.observer)]))
 
 
@@ -158,7 +158,7 @@ def _sliders(means: StudyMeans, shown: Sequence[int], worth: str) -> list[PageSl
 
 
 def _first_figure(means: StudyMeans) -> int:
-    """The figure shown at first: what the verdict speaks of."""
+    """Return the index of the figure shown first: that of the verdict."""
     figures = _headline(means)
     return figures[0] if figures else 0
 
@@ -184,7 +184,7 @@ def _drawn(means: StudyMeans) -> list[PageFigure]:
 
 
 def _swept(sweep: Sweep | None) -> list[PageFigure]:
-    """A figure for each facet; what is not drawn is said in the last."""
+    """Return a figure per facet; the last one's caption names what is not drawn."""
     if sweep is None:
         return []
     curves = "the decision makers" if not sweep.curves_of else f"the values of {sweep.curves_of}"
@@ -205,7 +205,7 @@ def _swept(sweep: Sweep | None) -> list[PageFigure]:
 
 
 def _sweep_data(sweep: Sweep | None, shown: Sequence[int]) -> dict[str, Any] | None:
-    """What the script draws over swept keys; settings by their place on the page."""
+    """Return the script's data over swept keys; settings by their index on the page."""
     if sweep is None:
         return None
     place_of = {setting: place for place, setting in enumerate(shown)}
@@ -243,7 +243,7 @@ def _cost(means: StudyMeans) -> int | None:
 
 
 def page_data(means: StudyMeans, shown: Sequence[int]) -> dict[str, Any]:
-    """Return what the script reads, rounded: by setting, play and figure [mean, half width, five quantiles]."""
+    """Return the script's data, rounded: by setting, play and figure [mean, half width, five quantiles]."""
     names = list(dict.fromkeys(means.makers))
     cost = _cost(means)
     return {
@@ -280,7 +280,7 @@ def _rounded(value: float) -> float | None:
 
 
 def _looks(names: Iterable[str]) -> dict[str, Look]:
-    """A look for every name, no two alike as long as there are any: variants of one keep its colour."""
+    """Return a look for every name, distinct as long as possible; variants keep the colour of their decision maker."""
     taken: set[tuple[str, str]] = set()
     found = {}
     for name, look in looks_of(names).items():
@@ -291,7 +291,7 @@ def _looks(names: Iterable[str]) -> dict[str, Look]:
 
 
 def _headline(means: StudyMeans) -> list[int]:
-    """The figures that a verdict speaks of, the best informed observer's first."""
+    """Return the verdict's figures, the best informed observer's first."""
     for measure in HEADLINES:
         found = [place for place, figure in enumerate(means.figures) if figure.measure == measure]
         if found:
@@ -323,7 +323,7 @@ def _verdict(study: Study, means: StudyMeans) -> list[str]:
 
 
 def _costs_told(means: StudyMeans, found: Ranking) -> tuple[list[str], list[str]]:
-    """How costs are made equal in a ranking, within its sentence, and a sentence on how they differ."""
+    """Return a clause on how a ranking equalises costs, and a sentence on their differences."""
     if not found.is_known:
         return ["of decision makers whose costs were not measured and may differ"], []
     if found.regret is None:
@@ -337,7 +337,7 @@ def _costs_told(means: StudyMeans, found: Ranking) -> tuple[list[str], list[str]
 
 
 def _ranked(means: StudyMeans, setting: int, figure: int, found: Ranking) -> str:
-    """The decision makers that hide best, second best and least by one figure."""
+    """Return the sentence on the best, second best and last decision maker by one figure."""
     if not found.plays:
         return ""
 
@@ -356,14 +356,14 @@ def _ranked(means: StudyMeans, setting: int, figure: int, found: Ranking) -> str
 
 
 def _spoken(figure: Figure) -> str:
-    """A figure within a sentence: what it is, and whose."""
+    """Return a figure's name within a sentence, with the observer."""
     kind = MEASURES[figure.measure]
     whom = f" of the {spoken_observer(figure.observer)} observer" if figure.observer else ""
     return f"{kind.spoken or kind.title}{whom}"
 
 
 def _elsewhere(means: StudyMeans, found: Ranking, budget: float | None, figure: int) -> list[str]:
-    """In how many settings the same decision maker is the most private."""
+    """Return in how many settings the same decision maker is the most private, as text."""
     others = [ranking(means, s, budget, figure).plays for s in range(len(means.settings))]
     firsts = [each[0] for each in others if each]
     if len(firsts) < 2 or not found.plays:
@@ -393,7 +393,7 @@ def _cautions(study: Study, means: StudyMeans, shown: int) -> list[str]:
 
 
 def _failures(study: Study) -> list[str]:
-    """Every reason once, the most frequent first, with the tasks it ended."""
+    """Return every distinct reason of failure, the most frequent first, with its tasks."""
     tasks: dict[str, list[str]] = {}
     for line in study.errors():
         task, reason = line.split(": ", 1)

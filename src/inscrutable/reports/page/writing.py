@@ -1,4 +1,4 @@
-"""Writing a page: a template, a style sheet, a script and its data in one file that loads nothing from anywhere."""
+"""Write a page: template, style sheet, script and data in one file that loads nothing from the network."""
 
 from __future__ import annotations
 
@@ -47,25 +47,25 @@ def write_page(
     manifest: Mapping[str, Any] | None = None,
     drawn: PathLike | None = None,
 ) -> Path:
-    """Write a result as one HTML file that works offline: verdict, table, figures to play with, failures, manifest.
+    """Write a result as one HTML file that works offline: verdict, table, interactive figures, failures, manifest.
 
-    The belief simplex of a step, the frontier, privacy and cost over time and what both observers believe follow two
-    sliders, over time and over the budget; every position is worked out beforehand, no server is needed. Drawn as SVG by
-    a small script in the file; a security policy in it forbids to load anything. The same result gives the same bytes.
+    Two sliders, over time and over the budget, control the belief simplex of a step, the frontier, privacy and cost over time,
+    and the estimates of both observers. All positions are computed in advance, so no server is needed. A small script in the
+    file draws SVG; a content security policy forbids loading anything. Equal results give equal bytes.
 
     Args:
-        result: A backtest, a comparison, a reproduction, or a study that was run: finished or not, if it is a grid; one that
-            `inscrutable compare` or `reproduce` made must be finished.
+        result: A backtest, a comparison, a reproduction, or a study after a run. A grid may be unfinished; a study of
+            `inscrutable compare` or `reproduce` must be finished.
         path: The file to create or replace; its folder must exist.
-        title: The heading; None says what was done.
+        title: The heading; None: a default.
         manifest: More lines for the manifest, such as the seed of a comparison; values are written as text.
-        drawn: For a reproduction: the folder into which `write_reproduction` drew it; None draws the pictures anew.
+        drawn: For a reproduction: the folder of `write_reproduction`'s pictures; None: draw the pictures again.
 
     Returns:
         The file.
 
     Raises:
-        InputError: The extra is missing, there is no page for such a result, or the file cannot be written.
+        InputError: The extra is missing, the result has no page, or the file cannot be written.
 
     Cost: for a backtest of 330 decisions some seconds, and about 2 MB.
 
@@ -111,7 +111,7 @@ def _page(content: PageContent) -> str:
     environment.filters["as_source"] = _as_source
     style = _asset("page.css")
     script = "".join(_asset(name) for name in ("charts.js", content.script)) if content.script else ""
-    # Texts of this package and JSON without a sign of HTML stay as they are; everything else is escaped by the template.
+    # Texts of this package and HTML-free JSON stay unescaped; the template escapes everything else.
     asis = {
         "style": style,
         "script": script,
@@ -142,7 +142,7 @@ def _asset(name: str) -> str:
 
 
 def _as_source(svg: str) -> str:
-    """A picture as an address that holds all of it; a browser runs no script in it and follows no link."""
+    """Return a picture as a data URL; a browser runs no script in it and follows no link."""
     return "data:image/svg+xml;base64," + base64.b64encode(svg.encode("utf-8")).decode("ascii")
 
 
@@ -151,7 +151,7 @@ def _hash(text: str) -> str:
 
 
 def embedded(data: Any) -> str:
-    """Return data as JSON that can stand inside a script element: no `<`, `>` or `&` in it.
+    """Return data as JSON for a script element, without `<`, `>` or `&`.
 
     Args:
         data: Numbers, text, lists, mappings, NumPy scalars and arrays; NaN and infinities become null.
@@ -181,10 +181,10 @@ def _finite(value: Any) -> Any:
 
 
 def content_of(study: Study, title: str | None, manifest: Mapping[str, str]) -> PageContent:
-    """Return the content of a study's page; `manifest` are further lines of its own.
+    """Return the content of a study's page; `manifest` has further lines for the page's manifest.
 
     Raises:
-        InputError: The study was not run; or it is no grid, and not finished.
+        InputError: The study was not run; or it is not a grid and not finished.
     """
     if isinstance(study.plan, ComparisonFile):
         comparison, note = comparison_of(study)
@@ -195,6 +195,6 @@ def content_of(study: Study, title: str | None, manifest: Mapping[str, str]) -> 
 
 
 def _with_facts(content: PageContent, study: Study) -> PageContent:
-    """The content with the versions that the rows were made by, not those that read them, and all the study's keys."""
+    """Return the content with the versions that made the rows, not the current ones, and all the study's keys."""
     own = {key: value for key, value in content.manifest.items() if not key.startswith("version of ")}
     return replace(content, manifest={**manifest_of(study), **own})

@@ -48,7 +48,7 @@ def test_a_copier_takes_what_the_agent_does_not_give_up(tmp_path: Path) -> None:
     told = leakage(mechanism(OriginalDecisionMaker(problem), prior.beliefs), prior, loss=RivalProblem(problem))
     assert found.of("ODM")[0].rival_worth == pytest.approx(told.worth, rel=1e-12)
     assert "it can always copy" in found.summary()
-    assert "add up to the silence regret" in markdown_of(found, "a")
+    assert "sum to at least the silence regret" in markdown_of(found, "a")
     names = {path.name for path in write_comparison(found, tmp_path)}
     assert {"comparison_rival.png", "comparison_rival.svg"} <= names
     assert summary_data(found, "a")["rival_is_own"]

@@ -245,7 +245,7 @@ def _on_paths(comparison: Comparison) -> list[str]:
             "simulated; the expected regret equals the requested one up to its standard error. Single decisions are judged by "
             "the rule's long-run law. stays half, twice as long: the error over time if beliefs stay half or twice as long as "
             "the rule assumes. ceiling: an upper bound of the aware observer's error over time for every rule of the same "
-            "expected regret. All these figures hold for this chain of beliefs alone."
+            "expected regret. All these figures hold for this chain alone."
         )
     return found
 
@@ -260,7 +260,7 @@ def _watchers(comparison: Comparison) -> list[str]:
             "errors in the CSV file). Without decisions its error is that of the prior at every step."
         )
     else:
-        found.append("There is no observer over time, because the comparison has no chain of beliefs.")
+        found.append("There is no observer over time, because no chain of beliefs is given.")
     if comparison.is_learned:
         found.append(
             f"cost learned: does not know the risk aversion. It takes {PATH_STEPS} decisions on one path of beliefs for "

@@ -36,7 +36,7 @@ STEPS = {
     "adversary": ("Adversary", ("adversaries", "geometry", "mechanisms")),
     "privacy": ("Privacy", ("privacy",)),
     "decision-maker": ("Decision maker", ("decision_makers",)),
-    "alphas": ("Beliefs that are numbers", ("alphas",)),
+    "alphas": ("Gaussian beliefs", ("alphas",)),
     "experiment": ("Experiment", ("experiments", "datasets")),
     "checks": ("Errors and contract checks", ("errors", "testing")),
 }

@@ -22,13 +22,13 @@ world = HiddenMarkovModel(
 )
 
 # %%
-# Without an ``initial`` law the world starts in its stationary one: how often each regime comes in the long run.
+# Without an ``initial`` law the world starts in its stationary one: the long-run frequency of each regime.
 
 for name, share in zip(regimes, world.initial, strict=True):
     print(f"{name:7} {share:.2f}")
 
 # %%
-# Ten years of it. Randomness always enters through a generator that the caller passes.
+# Ten years of observations. Randomness always enters through a generator that the caller passes.
 
 path = world.sample(120, rng=np.random.default_rng(3))
 months = np.arange(120)

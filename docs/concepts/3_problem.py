@@ -34,8 +34,8 @@ print("V(belief)   ", problem.optimal_cost(belief).round(5))
 print("regret of equal weights", problem.regret(belief, np.full(3, 1 / 3)).round(6))
 
 # %%
-# From certain calm to certain crisis the optimal weights move, and each of them reveals the belief on the way. The optimal cost V is
-# concave, and the regret of acting under another belief never falls with the distance to it along a ray.
+# From a certain calm regime to a certain crisis the optimal weights change, and each portfolio reveals its belief. The optimal
+# cost V is concave, and the regret of acting under another belief does not decrease along a ray.
 
 crisis = np.linspace(0.0, 1.0, 201)
 beliefs = np.column_stack([1 - crisis, np.zeros(201), crisis])

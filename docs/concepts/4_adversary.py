@@ -49,8 +49,9 @@ for acted in ([0.6, 0.3, 0.1], [0.85, 0.1, 0.05], [0.2, 0.2, 0.6]):
     )
 
 # %%
-# A rounded portfolio is read by its *near-optimal* beliefs: those under which its regret is at most some ε. ``explain_action`` gives
-# the nearest explanation of a portfolio that no belief explains, and its regret, the *plausibility gap*.
+# For a rounded portfolio the observer takes the *near-optimal* beliefs: those under which its regret is at most some ε. For a
+# portfolio that no belief explains, ``explain_action`` gives the belief of least regret, and that regret, the *plausibility
+# gap*.
 
 rounded = weights.round(2)
 rounded[1] += 1 - rounded.sum()

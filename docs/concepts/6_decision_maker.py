@@ -44,8 +44,8 @@ pdm = ProbabilisticDecisionMaker(problem, budget=0.1).decide(belief)
 print(cdm.summary(), pdm.summary(), sep="\n\n")
 
 # %%
-# Left the portfolios, right the beliefs that explain them. The bars are the lottery: its decisions, as high as their
-# probabilities. A draw without a generator comes from the operating system, because the seed determines the draw.
+# Left the portfolios, right the beliefs that explain them. The bars are the decisions of the lottery; their heights are the
+# probabilities. A draw without a generator uses the operating system's entropy, because a known seed reveals the draw.
 
 drawn = pdm.sample(rng=np.random.default_rng(0))
 with drawing(7.4, 3.4, ncols=2, subplot_kw={"projection": "ternary"}) as (
@@ -101,5 +101,6 @@ with drawing(4.4, 2.8) as (figure, axes):
     figure.savefig("frontier.png")
 
 # %%
-# These two are made against the naive observer. :class:`~inscrutable.RateDistortionDecisionMaker` and
-# :class:`~inscrutable.StackelbergDecisionMaker` are made against the aware observer; :doc:`/how-to-choose` says which to use.
+# These two decision makers are designed against the naive observer. :class:`~inscrutable.RateDistortionDecisionMaker` and
+# :class:`~inscrutable.StackelbergDecisionMaker` are designed against the aware observer; :doc:`/how-to-choose` says which to
+# use.

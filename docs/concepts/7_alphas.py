@@ -1,6 +1,6 @@
 """
-Beliefs that are numbers
-========================
+Gaussian beliefs
+================
 
 Most desks hold no belief over three regimes but a vector of expected returns, *alphas*; most controllers an estimate with a
 covariance. The story is the same. A hidden state moves linearly with Gaussian noise, a private sensor reads it, and a Kalman filter
@@ -40,7 +40,7 @@ from inscrutable.reports.views import draw_views
 # ---------------------------
 #
 # One signal that decays by a tenth a month, read with noise as large as itself. An observation may be missing; the filter goes on
-# with its prediction. After some months its covariance no longer moves.
+# with its prediction. After some months its covariance has converged.
 
 world = LinearGaussianWorld([[0.9]], [[0.19]], [[1.0]], [[1.0]])
 readings = world.sample(60, rng=np.random.default_rng(0)).observations
@@ -58,7 +58,7 @@ print(f"in the long run {steady_filter(world).covariance[0, 0]:.3f}")
 #
 # .. math:: Bm \in 2\gamma Vu + N_C(u),
 #
-# N_C(u) the cone of the constraints that are tight. Without constraints that is one point, which is Sharpe's reverse
+# N_C(u) the normal cone of the active constraints. Without constraints that is one point, which is Sharpe's reverse
 # optimisation and the prior of Black and Litterman. A budget row leaves a common shift free, so that only differences are identified;
 # a weight at a limit gives one inequality. Differences are best taken from an asset off its limits: a portfolio that holds an asset at its
 # cap may have any expected return above a number. The factors of a risk model are never multiplied out: thousands of assets take milliseconds.
@@ -74,8 +74,8 @@ views = implied_views(problem, weights, reference="Chips")
 print(views)
 
 # %%
-# The same weights, read as at most two basis points a month worse than the best. Assets that are not held give an upper limit
-# alone: the arrows have no end.
+# The same weights, read as at most two basis points a month worse than the best. Assets that are not held have only an upper
+# bound: the arrows are unbounded below.
 
 near = implied_views(problem, weights, regret=0.0002, reference="Chips")
 with drawing(7.0, 2.8, ncols=2, sharey=True) as (figure, axes):
@@ -105,7 +105,7 @@ for shown, what in ((free, "no limits"), (problem, "long-only, capped")):
 #
 # `AlphaDecisionMaker` spends a share of the silence regret, that of deciding by public knowledge, so that decisions leak the
 # fewest bits, or leave the largest error. Both are optimal among all rules of this regret. The study `studies/alphas.toml`
-# does it in random markets and lets an observer follow simulated decisions; this is a part of it. The rule of the largest error
+# computes this in random markets, with an observer of simulated decisions; here is a part of it. The rule of the largest error
 # leaks many bits: it reveals some directions nearly exactly, and others not at all.
 
 file = {

@@ -35,8 +35,8 @@ print(found.header())
 
 # %%
 # Each rule spends half the silence regret. Left: all decisions are made on one belief. The observer knows that it stays. The
-# rule does not, except on the dotted curve. Right: the belief moves, with probability 0.9 it stays the same at a step, and the
-# observer has followed it for long. The dashed line is the error without any decision.
+# rule does not, except on the dotted curve. Right: the belief changes; at each step it stays the same with probability 0.9, and
+# the observer has filtered it for a long time. The dashed line is the error without decisions.
 
 looks = looks_of([*names])
 with drawing(7.4, 3.2, ncols=2, width_ratios=[3, 2]) as (figure, (left, right)):
@@ -114,8 +114,8 @@ print(f"{'no rule':16s}over time more than {told.path_ceiling:.2f}")
 # **With a memory alone.** Where the observer can reach only finitely many laws, `SequentialDecisionMaker.as_mechanism()`
 # returns the rule as a mechanism whose memory is the law: tables instead of a solver. Otherwise a status says so.
 #
-# **A delay is enough** where beliefs move faster than it. After d steps the observer knows the belief of d steps ago, and its error is
-# the movement since then: with a chain of two states that flips with probability p its guess is wrong with probability
-# (1 − (1 − 2p)^d)/2. A belief that rests longer than the delay is read exactly, as the left panel shows.
+# **A delay is enough** where beliefs change within the delay. The observer knows the belief of d steps ago, and its error is
+# the change since then: with a chain of two states that flips with probability p its guess is wrong with probability
+# (1 − (1 − 2p)^d)/2. A belief that stays longer than the delay is revealed exactly, as the left panel shows.
 #
-# The :ref:`page on worth <sphx_glr_made_concepts_7_worth.py>` says what a rival gains by all this, and from whom nothing protects.
+# The :ref:`page on worth <sphx_glr_made_concepts_7_worth.py>` states what a rival gains, and against whom no rule protects.

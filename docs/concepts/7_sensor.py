@@ -39,13 +39,13 @@ beliefs = filter_beliefs(world, world.sample(200, rng=rng).observations).beliefs
 print(estimate_sensor(beliefs, transition))
 
 # %%
-# The transition need not be known. All steps of one symbol satisfy linear equations in M = diag(b)P'; P follows from a single
-# symbol's, whatever their number. Which steps belong together is found as well:
+# The transition need not be known. All steps of one symbol satisfy linear equations in M = diag(b)P'; P follows from the steps
+# of a single symbol. The steps are clustered by symbol:
 
 print(estimate_world(beliefs, n_symbols=3))
 
 # %%
-# Beliefs that are read with noise still give the sensor away. Steps are then grouped by the symbol that explains them best.
+# Beliefs observed with noise still reveal the sensor. The steps are then clustered by the symbol that explains them best.
 
 for noise in (1e-4, 1e-3, 1e-2):
     noisy = np.abs(beliefs + noise * rng.normal(size=beliefs.shape))
@@ -58,7 +58,7 @@ for noise in (1e-4, 1e-3, 1e-2):
     )
 
 # %%
-# Decisions contain less information than beliefs. Below, an agent of two states chooses one of two actions, and mixes them the more, the
+# Decisions contain less information than beliefs. Below, an agent with two states randomises between two actions, more so the
 # less certain it is. An aware observer who sets the states itself compares sensors by the likelihood of the decisions: the
 # normalisers of its inverse filter. `best_probe` ranks sequences of states by Fisher information, before any decision is seen.
 

@@ -54,8 +54,8 @@ for disclosure in (None, rounded(1), rounded(0)):
     )
 
 # %%
-# Monthly or quarterly, and how late? The error about the *present* belief falls when a decision is shown, the less the older it
-# is, and grows again until the next one. `inscrutable disclose` draws this for a market of yours.
+# Monthly or quarterly, and how late? The error about the *present* belief falls when a decision is shown, by less for an older
+# decision, and then grows until the next one. `inscrutable disclose` draws this for your own market.
 
 asked = ["exact", "delayed(2)", "every(3)", form_13f()]
 table = under_disclosures(chain, played, asked, 19, rng=np.random.default_rng(0))
@@ -77,10 +77,10 @@ with drawing(7.0, 3.0) as (figure, axes):
 print(table.lines())
 
 # %%
-# **Less shown never leaks more**, for a fixed mechanism and the present belief: what follows from what another observer sees
-# cannot beat it. So exact leaks at least as much as at_least(0.01), which leaks at least as much as at_least(0.05); every(2)
-# as much as every(4); delayed(d) as much as delayed(d + 1). Not ordered are rounded(1) and rounded(2), every(3) and every(2),
-# and bits about all beliefs so far.
+# **Less shown never leaks more**, for a fixed mechanism and the present belief: an observer whose data are a function of
+# another observer's data cannot err less. So exact leaks at least as much as at_least(0.01), which leaks at least as much as
+# at_least(0.05); every(2) as much as every(4); delayed(d) as much as delayed(d + 1). There is no order between rounded(1) and
+# rounded(2), between every(3) and every(2), and for bits about all beliefs so far.
 #
 # On a belief that flips between two states with probability p, a decision d steps old leaves a guess that errs with probability
 # (1 − (1 − 2p)^d)/2.
@@ -132,7 +132,7 @@ with drawing(7.0, 3.0) as (figure, axes):
 # What is prescribed
 # ------------------
 #
-# `form_13f()` and `n_port()` are the calendars of two US forms, in steps of months, with the date they were looked up and where
-# they are written. Alter decisions, never a disclosure that the law prescribes.
+# `form_13f()` and `n_port()` are the calendars of two US forms, in steps of months, with their source and the date of
+# retrieval. Alter decisions, never a disclosure that the law prescribes.
 
 print(form_13f().summary())

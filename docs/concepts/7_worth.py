@@ -85,10 +85,10 @@ with drawing(7.4, 3.2) as (figure, axes):
 #    W ≥ r₀ − E ρ:    share given up + share taken ≥ 1,
 #
 # with equality where every decision is optimal for the posterior mean after it. No rule lies below the dotted line for that rival.
-# The rule above, whose budget holds at every belief, lies on it at first and above it later. There is no such line for a rival with
-# another problem: at first the wager and the name are hidden for less. Hiding protects a view from a rival with other assets or limits, from
-# one who wagers on the regime, from a later one, and from one who predicts the next decision; not from one who trades the same at the same
-# moment.
+# The rule above, whose budget holds at every belief, lies on it at small regrets and above it at larger ones. There is no such
+# line for a rival with another problem: at small regrets, hiding from the rivals who wager or name costs less. Hiding protects
+# a view from a rival with other assets or limits, from one who wagers on the regime, from a later one, and from one who
+# predicts the next decision; not from one who trades the same at the same moment.
 #
 # `inscrutable compare --rival FILE` prints the worth of every rule's decisions and draws this picture for all of them;
-# `inscrutable backtest` says in basis points what the weights were worth to a rival who invests alike.
+# `inscrutable backtest` states in basis points the worth of the weights to a rival with the investor's own problem.

@@ -40,10 +40,10 @@ print(f"closed form: {p * (p + 1) / 2 / (1 - p + p**2):.6f}")
 print(plain.frame().head(6).round(4))
 
 # %%
-# Hiding slows herds down, and moves them. With ε-randomised response k = ⌊α/α_ε⌋ + 1 equal decisions start a cascade, where α is
-# the log-odds of a signal and α_ε that of a decision. Whenever k rises by one, less privacy makes fewer right cascades. A
-# rule whose law depends on the belief all the way, such as the exponential mechanism, has no cascades: each decision reveals a
-# little, and in the long run the public learns more than from decisions that hide nothing.
+# Hiding delays herds and changes their probabilities. With ε-randomised response k = ⌊α/α_ε⌋ + 1 equal decisions start a
+# cascade, where α is the log-odds of a signal and α_ε that of a decision. Whenever k rises by one, less privacy makes fewer
+# right cascades. A rule whose law changes with every change of the belief, such as the exponential mechanism, has no cascades:
+# each decision reveals a little, and in the long run the public learns more than from decisions that hide nothing.
 
 epsilons = np.linspace(0.4, 2.5, 211)
 responses = [
@@ -100,5 +100,5 @@ for n_agents in (10, 100):
 print(paths.status.value)
 
 # %%
-# What a rule costs the agent itself and the others is a table, `herding_table`; the example on the price of privacy for the others
-# compares four rules at one price.
+# `herding_table` states the cost of a rule to the agent itself and to the others; the example on the price of privacy for the
+# others compares four rules at one price.

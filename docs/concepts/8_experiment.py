@@ -3,7 +3,7 @@ Experiment
 ==========
 
 A *study* is a grid, worlds × problems × decision makers × budgets × observers × repeats, written
-down as plain data; every value that is a list stands for each of its elements.
+down as plain data; a list means each of its elements in turn.
 """
 
 from tempfile import TemporaryDirectory
@@ -62,5 +62,5 @@ with drawing(6.8, 2.7, ncols=2, sharey=True) as (figure, panels):
 # ``inscrutable study run FILE --out DIR --jobs -1`` does the same from a TOML file, on all cores or a Dask cluster. Rows go to
 # one SQLite file; a study that was stopped or killed goes on with ``inscrutable study resume DIR``.
 #
-# ``inscrutable backtest`` does so for an investor and real returns, ``inscrutable compare`` for all rules and observers, and ``inscrutable
-# reproduce`` for the paper's numerical section.
+# ``inscrutable backtest`` is an experiment with one investor on real returns, ``inscrutable compare`` one with all rules and
+# observers, and ``inscrutable reproduce`` the paper's numerical section.

@@ -72,7 +72,7 @@ with drawing(7.0, 3.3, ncols=2) as (figure, (left, right)):
     figure.savefig("report.png")
 
 # %%
-# A result says what supports it, and keeps that on disk.
+# A result states its status and bounds, and saves them to disk.
 
 decision = makers["CDM"].decide(beliefs[-1])
 with TemporaryDirectory() as folder:

@@ -41,7 +41,7 @@ class SetObserver(ABC):
 
     @property
     def disclosure(self) -> Disclosure:
-        """What it is shown of a decision."""
+        """The part of a decision that it sees."""
         return self._reading.disclosure
 
     def estimate(self, action: ArrayLike, *, nearest: bool = False) -> Array:
@@ -96,9 +96,10 @@ class NaiveAdversary(SetObserver):
 
     Args:
         problem: The decision problem that the observer knows.
-        disclosure: What it is shown of a decision, such as `at_least(0.05)`, also as text; None is all of it. It then reads
-            values shown, `disclosure.shown(actions)`, and keeps the union over the candidates that look so.
-        candidates: The decisions that it takes for possible, shape (M,U), (M,) choices or `Candidates`; for a disclosure alone.
+        disclosure: The part of a decision that it sees, such as `at_least(0.05)`, also as text; None: all of it. With a
+            disclosure the methods take disclosed values, `disclosure.shown(actions)`, and the result is the union over the
+            candidates with that value.
+        candidates: The possible decisions, shape (M,U), (M,) choices or `Candidates`; only with a disclosure.
 
     Raises:
         InputError: `problem` is not a decision problem, or the disclosure does not suit its decisions, leaves some out, or
@@ -226,10 +227,11 @@ class NearOptimalAdversary(PriorReader):
     Args:
         problem: The decision problem that the observer knows.
         regret: ε, at least 0, in the cost's unit.
-        prior: What the observer held likely before; None for no opinion. It makes `estimates` one product of tables.
-        disclosure: What it is shown of a decision, such as `at_least(0.05)`, also as text; None is all of it. It then reads
-            values shown, `disclosure.shown(actions)`, and keeps the union over the candidates that look so.
-        candidates: The decisions that it takes for possible, shape (M,U), (M,) choices or `Candidates`; for a disclosure alone.
+        prior: The observer's prior; None: none. With a prior, `estimates` is one product of tables.
+        disclosure: The part of a decision that it sees, such as `at_least(0.05)`, also as text; None: all of it. With a
+            disclosure the methods take disclosed values, `disclosure.shown(actions)`, and the result is the union over the
+            candidates with that value.
+        candidates: The possible decisions, shape (M,U), (M,) choices or `Candidates`; only with a disclosure.
 
     Raises:
         InputError: An argument is malformed, or the prior has another number of states.
@@ -282,10 +284,11 @@ class BudgetAwareAdversary(PriorReader):
     Args:
         problem: The decision problem that the observer knows.
         budget: A share of |c*|, or a `Budget`.
-        prior: What the observer held likely before; None for no opinion. It makes `estimates` one product of tables.
-        disclosure: What it is shown of a decision, such as `at_least(0.05)`, also as text; None is all of it. It then reads
-            values shown, `disclosure.shown(actions)`, and keeps the union over the candidates that look so.
-        candidates: The decisions that it takes for possible, shape (M,U), (M,) choices or `Candidates`; for a disclosure alone.
+        prior: The observer's prior; None: none. With a prior, `estimates` is one product of tables.
+        disclosure: The part of a decision that it sees, such as `at_least(0.05)`, also as text; None: all of it. With a
+            disclosure the methods take disclosed values, `disclosure.shown(actions)`, and the result is the union over the
+            candidates with that value.
+        candidates: The possible decisions, shape (M,U), (M,) choices or `Candidates`; only with a disclosure.
 
     Raises:
         InputError: An argument is malformed, or the prior has another number of states.

@@ -54,7 +54,8 @@ class SequentialAdversary:
         mechanism: K(u|π); a `MemoryMechanism`, whose memory the filter tracks as well; or a `MechanismRule`, such as
             `SequentialDecisionMaker`, which chooses K_t given the belief's law for an observer of the earlier decisions alone.
         agent_world: The world of the agent's own filter; None: the same. After an observation that this world rules out, the
-            agent keeps its prediction. Of a chain the one that a rule takes for true, which may have nothing public.
+            agent keeps its prediction. With a `BeliefChain`: the chain that a rule assumes, perhaps without public
+            observations.
         sensor: The observer's own sensor on the same states, an `Emission`; pass its reports as `observations`.
         interpolation: "linear", or "nearest": each belief moves to the nearest one of the mechanism. From five states on always
             "nearest".

@@ -41,7 +41,7 @@ _PLAIN = (bool, int, float, str)
 
 @dataclass(frozen=True)
 class Extension:
-    """A part of a user's own, as plain data.
+    """A user-defined part, as plain data.
 
     Args:
         spec: Where it is, "module:name".
@@ -131,7 +131,7 @@ def loaded(extension: Extension) -> Any:
 
 
 def _imported(spec: str) -> tuple[Any, str]:
-    """What a name stands for, and the hash of its module's source."""
+    """Return the object of a name, and the hash of its module's source."""
     if not isinstance(spec, str) or not _SPEC.fullmatch(spec):
         raise InputError(f'an extension is written as "module:name", got {spec!r:.80}')
     place, _, name = spec.partition(":")

@@ -36,7 +36,7 @@ class Variant:
 
     @classmethod
     def of(cls, data: dict[str, Any] | None) -> Variant:
-        """Return the variant of plain data; None stands for nothing chosen."""
+        """Return the variant of plain data; None: nothing chosen."""
         return cls(data, canonical(data))
 
 

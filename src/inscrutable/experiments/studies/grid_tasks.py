@@ -137,7 +137,7 @@ class GridRunner(TaskRunner):
         assert law is not None
         assert problem is not None
         rng = self.grid.stream("world", places, ("world", "repeat"))
-        # A problem of a user's own has none, and takes the regimes alone.
+        # A user-defined problem has none, and takes the regimes alone.
         return drawn_world(law, problem.get("risk_aversion", 1.0), rng=rng)
 
     def _prior(self, places: Sequence[int], regimes: Regimes, problem: DecisionProblem) -> Prior:

@@ -218,6 +218,6 @@ class StudyFile(PlanFile):
 
 
 def follows(study: StudyFile) -> bool:
-    """Whether some observer or rule goes by the belief from step to step, so that it has to be known how that moves."""
+    """Whether some observer or rule needs the transition of the belief."""
     followers: tuple[object, ...] = (*study.adversaries, *study.decision_makers)
     return any(isinstance(each, observers.SequentialObserver | makers.WithMemory) for each in followers)

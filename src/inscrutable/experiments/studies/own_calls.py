@@ -1,4 +1,4 @@
-"""Calls of parts of a user's own: an error names the part, its method, and what was raised or is wrong with the answer."""
+"""Calls of user-defined parts: an error names the part, its method, and the exception or the invalid result."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ def own_part(extension: Extension, given: Mapping[str, Any], keys: Mapping[str, 
 
 
 def own_number(extension: Extension, given: Mapping[str, Any]) -> float:
-    """Return the number that a function of a user's own gives; NaN where it says that there is none."""
+    """Return the number from a user-defined function; NaN where it returns none."""
     value = _called(extension.spec, loaded(extension), **{name: given[name] for name in extension.given})
     return float(_called(extension.spec, _one_number, value))
 
 
 def _called(said: str, function: Callable[..., Any], /, *given: Any, **named: Any) -> Any:
-    """Call a user's own code; every error becomes one of the package's that says where it was raised."""
+    """Call user code; every exception becomes an error of this package that names the place."""
     module = said.partition(":")[0]
     try:
         return function(*given, **named)
@@ -64,13 +64,13 @@ def _called(said: str, function: Callable[..., Any], /, *given: Any, **named: An
 
 @lru_cache(maxsize=64)
 def _guarded(own_class: Any, spec: str, kind: str, n_states: int) -> Any:
-    """A class that differs from a user's own in that what its methods return is checked."""
+    """Return a subclass of a user-defined class that checks the results of its methods."""
     methods = {
         name: _checked(getattr(own_class, name), spec if name == "__call__" else f"{spec}.{name}", check, n_states)
         for name, check in _CHECKS[kind].items()
         if _is_own(own_class, name)
     }
-    if not methods:  # some searches go by the library's classes themselves
+    if not methods:  # some searches test for the library's classes themselves
         return own_class
     there = {name: getattr(own_class, name) for name in ("__module__", "__qualname__", "__doc__")}
     return type(own_class.__name__, (own_class,), {"__slots__": (), **there, **methods})

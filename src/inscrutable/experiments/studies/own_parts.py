@@ -41,7 +41,7 @@ _union: Any = Union
 
 
 class OwnMaker(MakerSection):
-    """A decision maker of a user's own."""
+    """A user-defined decision maker."""
 
     takes = Takes.EACH
     extension: ClassVar[Extension]
@@ -61,7 +61,7 @@ class OwnMaker(MakerSection):
 
 
 class OwnObserver(ObserverSection):
-    """An observer of a user's own."""
+    """A user-defined observer."""
 
     extension: ClassVar[Extension]
 
@@ -74,13 +74,13 @@ class OwnObserver(ObserverSection):
 
 
 class OwnProblem(Section):
-    """A decision problem of a user's own."""
+    """A user-defined decision problem."""
 
     extension: ClassVar[Extension]
 
 
 class OwnWorld(Section):
-    """A hidden Markov model with an observation law of a user's own."""
+    """A hidden Markov model with a user-defined observation model."""
 
     extension: ClassVar[Extension]
     transition: Matrix
@@ -134,7 +134,7 @@ def _measured(extension: Extension, observed: Observed) -> float:
 
 
 def _hiding(kind: type[CounterAdversarial | Probabilistic], own: Mapping[str, Extension]) -> Any:
-    """A decision maker that may also seek privacy measures of a user's own."""
+    """A decision maker that may also maximise user-defined privacy measures."""
     made: Any = _create(
         kind.__name__,
         __base__=kind,

@@ -1,4 +1,4 @@
-"""Reading a study file: whatever is wrong is said with file, line, what was expected and the nearest valid name."""
+"""Read a study file: errors state file, line, the expectation and the nearest valid name."""
 
 from __future__ import annotations
 
@@ -194,7 +194,7 @@ def _check_together(study: StudyFile, source: StudySource) -> None:
 
 
 def _check_followed(study: StudyFile, source: StudySource) -> None:
-    """Refuse rules and observers that go by beliefs which do not move, or by returns that are not observed."""
+    """Raise `InputError` for rules and observers that need a chain of beliefs, or observed returns, without these."""
     for number, maker in enumerate(study.decision_makers):
         if isinstance(maker, WithMemory) and not isinstance(study.beliefs, StationaryBeliefs):
             raise InputError(

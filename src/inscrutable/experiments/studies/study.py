@@ -150,7 +150,7 @@ class Study(Summarised):
 
     @property
     def extensions(self) -> tuple[Extension, ...]:
-        """The parts of a user's own that it may name."""
+        """The user-defined parts that it may name."""
         return getattr(type(self.plan), "extensions", ())
 
     @cached_property

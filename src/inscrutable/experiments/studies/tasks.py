@@ -27,18 +27,18 @@ _ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
 
 def canonical(value: Any) -> str:
-    """Return plain data as the one JSON text that stands for it: sorted keys, no blanks, floats in full."""
+    """Return plain data as canonical JSON: sorted keys, no blanks, floats in full."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=True)
 
 
 def identity(text: str) -> str:
-    """Return the hash that stands for a text."""
+    """Return the hash of a text."""
     return sha256(text.encode("ascii")).hexdigest()[:_HASH_CHARACTERS]
 
 
 @dataclass(frozen=True)
 class Task:
-    """One row of a study: where it stands in the grid, what it is, and its identity.
+    """One task of a study: its place in the grid, its parameters, and its identity.
 
     Args:
         number: Its place in the order of the grid, from 0.
@@ -110,7 +110,7 @@ class Work(NamedTuple):
         study: The study as JSON.
         data_hash: Hash of the data that worlds were fitted to, or None.
         worlds: What was prepared once for all processes, as JSON.
-        extensions: Parts of a user's own, as JSON.
+        extensions: User-defined parts, as JSON.
     """
 
     runner: type[TaskRunner]

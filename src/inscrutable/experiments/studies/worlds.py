@@ -176,7 +176,7 @@ def _quantiles(world: HiddenMarkovModel, emission: GaussianEmission, weights: Ar
 
 
 def own_world(extension: Extension, chosen: Mapping[str, Any]) -> Regimes:
-    """Return the regimes of an observation law of a user's own; its means and covariances, where it has some."""
+    """Return the regimes of a user-defined observation model; its means and covariances, if any."""
     emission = own_part(extension, {}, chosen)
     world = HiddenMarkovModel(chosen["transition"], emission)
     nothing = np.zeros((world.n_states, 0))

@@ -68,6 +68,7 @@ class AlphaDecisionMaker:
         SolverError: At first use, if the iteration over time did not converge and the silence regret is infinite.
 
     Cost:
+
     - One decision, dense S: O(k³); 3,000 alphas take 9 s on two cores, 12 s on one.
     - One decision, "information", S a `FactorRisk` with the problem's exposures and proportional specific variances:
       O(n (factors)²) time, memory linear in assets.

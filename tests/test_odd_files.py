@@ -41,6 +41,7 @@ from inscrutable.experiments.attack import Reading, attack_weights
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.own_model import LimitsPart, OwnModel, investor_of
 from inscrutable.experiments.silence import budget_in
+from inscrutable.problems.magnitudes import MagnitudeRegion
 
 ASSETS = ["Oil", "Food", "Tech"]
 MODEL = """
@@ -432,14 +433,16 @@ def test_a_model_goes_to_disk_with_limits_on_magnitudes(tmp_path):
     size = 14
     names = tuple(f"S{k}" for k in range(size))
     small = own()
-    problem = MarkowitzProblem(np.zeros((2, size)), [np.eye(size)] * 2, 1.0, long_short(names, gross=1.5))
+    region = long_short(names, gross=1.5)
+    tilted = MagnitudeRegion(region.rows, [region.limits[0]._replace(most=2.0, linear=np.linspace(0, 1, size))])
+    problem = MarkowitzProblem(np.zeros((2, size)), [np.eye(size)] * 2, 1.0, tilted)
     from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
 
     world = HiddenMarkovModel(small.world.transition, CategoricalEmission(np.eye(2)))
     model = InvestorModel(world, problem, names, ("a", "b"), turnover=0.25)
     again = InvestorModel.load(model.save(tmp_path / "model.json"))
     assert again.turnover == 0.25
-    assert again.problem.constraints.needs_lift
+    np.testing.assert_array_equal(again.problem.constraints.limits[0].linear, tilted.limits[0].linear)
     previous = dict.fromkeys(names[::-1], 1 / size)
     near = again.problem_after(previous)
     np.testing.assert_allclose(near.solve([0.5, 0.5]), model.problem_after(previous).solve([0.5, 0.5]))

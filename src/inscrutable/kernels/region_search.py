@@ -447,7 +447,9 @@ def search_regions(
     steps: Any, aims: Any, regions: Any, starts: Any, rules: Any, limits: Any, reached: Any, most: int
 ) -> None:
     """Search for beliefs `steps` (n,), each until it has ended or asks for regions that are missing; `most` climbs a turn."""
-    turn = _turn_room(rules.basis.shape[0], regions.bounds[0].size, regions.tight.shape[1], most)
+    # Where tight rows depend on one another, their cone of multipliers may have more facets than there are rows.
+    n_rows = max(regions.tight.shape[1], regions.n_set_rows.max())
+    turn = _turn_room(rules.basis.shape[0], regions.bounds[0].size, n_rows, most)
     search = (reached, turn)
     climbs, spots = turn.climbs, turn.spots
     for t in steps:

@@ -132,11 +132,12 @@ class SearchSpace:
         problem = self.problem
         numbers = self.partition.holding(actions)
         self.partition.make(numbers)
-        rules, most = rules_for(problem.n_states), problem.n_states + len(problem.constraints.b_ub)
+        rules = rules_for(problem.n_states)
         alone = np.ones(len(actions), dtype=np.bool_)
         for j, number in enumerate(numbers):
             programme = self.partition.programme(int(number))
-            alone[j] = is_explained_once(programme.arrays, programme.w(actions[j]), rules, most, tolerances.SAME_BELIEF)
+            place = programme.w(actions[j])
+            alone[j] = is_explained_once(programme.arrays, place, rules, programme.n_set_rows, tolerances.SAME_BELIEF)
         return alone
 
     @cached_property

@@ -277,10 +277,10 @@ VERBS = {
     ),
     "turnover against nothing": ("protect --model M --belief 0.5,0.5 --turnover 0.1", 3, "--previous"),
     "weights before without a limit": ("protect --model M --belief 0.5,0.5 --previous W", 3, "--turnover"),
-    "turnover of a sequence": (
-        "protect --model M --belief 0.5,0.5 --state s.json --turnover 0.1",
-        3,
-        "what turnover allows depends on the weights held; leave turnover out",
+    "weights before a sequence": (
+        "protect --model M --belief 0.5,0.5 --state s.json --turnover 0.1 --previous W",
+        2,
+        "--state takes --belief",
     ),
     "a budget in words": ("protect --model M --belief 0.5,0.5 --budget lots", 2, "expected a share of |c*|"),
     "a budget below nothing": ("protect --model M --belief 0.5,0.5 --budget -0.1", 3, "must be at least 0"),
@@ -304,7 +304,7 @@ VERBS = {
     "budgets in words": ("compare --budgets lots", 2, "expected shares of |c*|"),
     "two units of budgets in one": ("compare --budgets silence:5bp", 2, "expected shares"),
     "regimes twice": ("backtest --model M --regimes 3", 2, "the model gives its own"),
-    "a backtest with turnover": ("backtest --turnover 0.2", 3, "leave both out (--no-sequential"),
+    "a backtest with turnover": ("backtest --turnover 0.2 --disclosure every(3)", 3, "leave out the disclosure"),
     "other assets than the returns'": ("backtest --model M", 3, "asset labels"),
     "a riskless rate of several columns": ("backtest --riskless R", 2, "expected one"),
     "a riskless rate in percent": ("backtest --riskless P", 3, "divide percentages by 100"),

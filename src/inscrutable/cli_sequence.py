@@ -27,18 +27,11 @@ def protect_next(
 
     import numpy as np
 
-    from inscrutable.errors import InputError
     from inscrutable.experiments.own_model import investor_of
     from inscrutable.experiments.protect_sequence import protect_step
     from inscrutable.experiments.silence import budget_in
 
     investor = investor_of(model, limits)
-    if investor.turnover is not None:
-        raise InputError(
-            "--state takes no limit on turnover: its file fixes the portfolios that the sequential rule draws from, and their "
-            "prices, for all months, and what turnover allows depends on the weights held; leave turnover out, or protect each "
-            "month by itself with --previous FILE and without --state, which does not reckon with an observer who remembers"
-        )
     if not state.exists():
         speech.log(
             f"No sequence in {state} yet: the prices at which the long-run regret is the budget are computed, once."

@@ -70,12 +70,13 @@ class SequentialPart:
         nowhere, spared = np.full(beliefs.shape[1], np.nan), np.zeros(len(beliefs))
         for t, (belief, action) in enumerate(zip(beliefs, path.actions, strict=True)):
             problem = investor.problem_after(path.actions[t - 1] if t else None)
-            least, cost = float(problem.optimal_cost(belief)), float(problem.expected_cost(belief, action))
-            spared[t] = path.regrets[t] - (cost - least)
+            least = float(problem.optimal_cost(belief))
+            spared[t] = least - float(investor.problem.optimal_cost(belief))
+            regret = max(float(path.regrets[t] - spared[t]), 0.0)
             sets.append(belief_set_of(problem, action))
             hidden = float(measure.at_step(t)(belief, sets[t]))
             played.append(
-                Decision(action, cost, least, cost - least, hidden, np.inf, nowhere, DecisionStatus.DRAWN, problem)
+                Decision(action, least + regret, least, regret, hidden, np.inf, nowhere, DecisionStatus.DRAWN, problem)
             )
         decisions = stack(played, None)
         vars(decisions)["belief_set"] = tuple(sets)

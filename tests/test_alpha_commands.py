@@ -118,6 +118,7 @@ def test_a_month_of_signals(capsys: pytest.CaptureFixture[str], folder: Path) ->
     maker = AlphaDecisionMaker(problem, 0.5, prior_covariance=1e-4 * np.eye(2))
     drawn = maker.decide([0.01, 0.02], rng=np.random.default_rng(1))
     found = json.loads(out)
+    assert found["n_published"] == 0  # nothing is kept without a state
     assert found["bits_a_step"] == pytest.approx(maker.bits)
     assert found["decisions"]["2020-01-31"] == pytest.approx(dict(zip(NAMES, drawn.action.tolist(), strict=True)))
 

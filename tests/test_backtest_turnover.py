@@ -15,22 +15,27 @@ from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_bac
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.own_model import LimitsPart, OwnModel
 from inscrutable.reports.backtest import text_of
+from small_runs import short_simulations
 
 LIMIT = 0.08
 
 
 @pytest.fixture(scope="module")
 def found() -> Backtest:
+    return backtest(LIMIT, sequential=False)
+
+
+def backtest(limit: float, *, sequential: bool) -> Backtest:
     rng = np.random.default_rng(3)
     calm = rng.random(90) < 0.5
     means = np.where(calm[:, None], [0.03, 0.0, 0.01], [-0.03, 0.02, 0.01])
     months = pd.date_range("2001-01", periods=90, freq="ME")
     spread = np.where(calm, 0.03, 0.06)[:, None]
     returns = pd.DataFrame(means + spread * rng.normal(size=(90, 3)), index=months, columns=list("ABC"))
-    own = OwnModel.of_limits(LimitsPart(turnover=LIMIT))
+    own = OwnModel.of_limits(LimitsPart(turnover=limit))
     held = rng.dirichlet([1.0, 1.0], 7)
     beliefs = pd.DataFrame(held, index=months[82:89], columns=["calm", "turbulent"])
-    settings = BacktestSettings(regimes=2, train_until="2007-11", sequential=False, own=own)
+    settings = BacktestSettings(regimes=2, train_until="2007-11", sequential=sequential, own=own)
     return run_backtest(returns, settings, beliefs=beliefs, restarts=1)
 
 
@@ -68,9 +73,24 @@ def test_an_observer_reads_it_with_the_model_that_is_kept(found: Backtest, tmp_p
     assert "no aware observer is modelled" in text_of(found)
 
 
+def test_the_sequential_rule_keeps_the_limit_and_its_observer_follows_it() -> None:
+    with short_simulations():
+        found = backtest(0.6, sequential=True)
+    weights, record = found.weights("SDM").to_numpy(), found.episode.records["SDM"]
+    assert np.abs(np.diff(weights, axis=0)).sum(axis=1).max() <= 0.6 + 1e-9
+    beliefs = found.beliefs.to_numpy()
+    for t in range(1, len(weights)):
+        month = found.problem_at("SDM", t)
+        spent = month.expected_cost(beliefs[t], weights[t]) - month.optimal_cost(beliefs[t])
+        assert record.decisions.regret[t] == pytest.approx(spent, abs=1e-12)
+        assert spent >= -1e-12
+    assert np.isfinite(found.followed_estimates("SDM").to_numpy()).all()
+    assert np.isnan(found.followed_estimates("PDM").to_numpy()).all()
+    assert "except that of the SDM" in text_of(found)
+    assert found.aware is None
+
+
 def test_what_a_limit_on_turnover_does_not_go_with() -> None:
     own = OwnModel.of_limits(LimitsPart(turnover=LIMIT))
-    with pytest.raises(InputError, match="--no-sequential, sequential=False"):
-        BacktestSettings(own=own)
-    with pytest.raises(InputError, match="leave both out"):
+    with pytest.raises(InputError, match="leave out the disclosure"):
         BacktestSettings(own=own, sequential=False, disclosure="every(3)")

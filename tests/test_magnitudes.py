@@ -12,9 +12,9 @@ from inscrutable import (
     InputError,
     KellyProblem,
     LinearProblem,
+    LocalSearch,
     MarkowitzProblem,
     ModelError,
-    Polyhedron,
     ProbabilisticDecisionMaker,
     consistent_beliefs,
     explain_action,
@@ -25,7 +25,7 @@ from inscrutable import (
     turnover,
     with_transaction_costs,
 )
-from inscrutable.problems.magnitudes import MagnitudeLimit, MagnitudeRegion
+from inscrutable.problems.magnitudes import MagnitudeRegion
 from inscrutable.testing import check_decision_problem
 
 cp = pytest.importorskip("cvxpy")
@@ -45,6 +45,15 @@ def by_clarabel(problem, belief, extra):
     asked = cp.Problem(cp.Minimize(cp.quad_form(u, cp.psd_wrap(bent)) - (belief @ problem.means) @ u), extra(u))
     asked.solve(solver=cp.CLARABEL, **EXACT)
     return u.value
+
+
+def check_decision(problem, belief, action, extra):
+    """A decision is feasible, Clarabel's to 1e-8 or no costlier: costs to 1e-13 tell flat decisions apart to 1e-6 only."""
+    expected = by_clarabel(problem, belief, extra)
+    dearer = belief @ (problem.state_costs(action) - problem.state_costs(expected))
+    assert problem.constraints.violation(action) <= 1e-9
+    off = np.abs(action - expected).max()
+    assert off <= 1e-8 or (off <= 1e-6 and dearer <= 0.0)
 
 
 def lifted_bounds(problem, action, limits, *, floors, sums):
@@ -135,7 +144,7 @@ def test_decisions_and_observers_of_many_assets(which, fresh_rng):
 
     for belief in rng.dirichlet(np.ones(3), 3):
         action = problem.solve(belief)
-        np.testing.assert_allclose(action, by_clarabel(problem, belief, extra), atol=1e-8)
+        check_decision(problem, belief, action, extra)
         assert consistent_beliefs(problem, action).contains(belief)
         if is_net:
             bounds = lifted_bounds(problem, action, limits, floors=floors, sums=True)
@@ -144,11 +153,9 @@ def test_decisions_and_observers_of_many_assets(which, fresh_rng):
 
 def as_rows_and_lifted(size, previous):
     """The same set twice: one row for every choice of signs, and lifted."""
-    limit = MagnitudeLimit(np.ones((1, size)), previous[None], 0.5, "turnover <= 0.5")
-    gross = MagnitudeLimit(np.ones((1, size)), np.zeros((1, size)), 1.6, "gross <= 1.6")
-    whole = Polyhedron(A_eq=np.ones((1, size)), b_eq=[1.0])
-    yield simplex(size) & turnover(previous, 0.5), MagnitudeRegion(simplex(size), [limit])
-    yield long_short(size, gross=1.6) & turnover(previous, 0.5), MagnitudeRegion(whole, [gross, limit])
+    for lifted in (simplex(size), long_short(size, gross=1.6)):
+        whole = lifted & turnover(previous, 0.5)
+        yield whole.in_decision, whole
 
 
 def test_lifted_limits_are_the_rows_of_all_signs(fresh_rng):
@@ -174,8 +181,9 @@ def test_lifted_limits_are_the_rows_of_all_signs(fresh_rng):
         assert np.ptp(drawn.actions, axis=0).min() > 0.05 * np.ptp(rows.bounding_box, axis=1).min()
 
 
-def test_what_is_hidden_under_lifted_limits_is_proved(fresh_rng):
-    rng, size = fresh_rng, 5
+@pytest.mark.parametrize("seed", [1696144831, None])
+def test_what_is_hidden_under_lifted_limits_is_proved(seed, fresh_rng):
+    rng, size = fresh_rng if seed is None else np.random.default_rng(seed), 5
     previous = np.append(0.0, rng.dirichlet(np.ones(size - 1)))
     means, covariances = market(size, 3, rng)
     belief = rng.dirichlet(np.ones(3))
@@ -187,7 +195,7 @@ def test_what_is_hidden_under_lifted_limits_is_proved(fresh_rng):
         assert proved.privacy >= plain.privacy - 5e-3  # a proof may lead to a better one
         assert second.constraints.is_admissible(proved.action)
         lotteries = [ProbabilisticDecisionMaker(each, budget=0.2).decide(belief) for each in (first, second)]
-        assert lotteries[1].expected_privacy == pytest.approx(lotteries[0].expected_privacy, abs=2e-2)
+        assert lotteries[1].expected_privacy >= lotteries[0].expected_privacy - 2e-2
 
 
 def test_linear_costs_and_trading_costs_under_lifted_limits(fresh_rng):
@@ -208,6 +216,25 @@ def test_linear_costs_and_trading_costs_under_lifted_limits(fresh_rng):
     np.testing.assert_allclose(trading.solve(belief), u.value, atol=1e-8)
     assert consistent_beliefs(trading, trading.solve(belief)).contains(belief)
     check_decision_problem(trading)
+
+
+def test_other_costs_have_the_rows_of_all_signs(fresh_rng):
+    """Growth, and a solver in the decision itself, under limits on few assets; and what rounded decisions still tell."""
+    rng, size = fresh_rng, 4
+    previous, belief = rng.dirichlet(np.ones(size)), rng.dirichlet(np.ones(3))
+    region = simplex(size) & turnover(previous, 0.3)
+    outcomes = 1.0 + 0.2 * rng.normal(size=(5, size)).clip(-2, 2)
+    chances = rng.dirichlet(np.ones(5), 3)
+    growth = KellyProblem([outcomes] * 3, chances, constraints=region)
+    u = cp.Variable(size)
+    given = [cp.sum(u) == 1, u >= 0, cp.norm1(u - previous) <= 0.3]
+    best = cp.Problem(cp.Minimize(-(belief @ chances) @ cp.log(outcomes @ u)), given).solve(solver=cp.CLARABEL)
+    assert growth.optimal_cost(belief) == pytest.approx(best, abs=1e-7)
+    means, covariances = market(size, 3, rng)
+    problem = MarkowitzProblem(5 * means, covariances, 1.0, region)
+    local = CounterAdversarialDecisionMaker(problem, budget=0.1, method=LocalSearch(n_starts=2)).decide(belief)
+    assert np.abs(local.action - previous).sum() <= 0.3 + 1e-9
+    assert consistent_beliefs(problem, problem.solve(belief).round(3), digits=3).contains(belief)
 
 
 def constraint_lists(u, previous):
@@ -241,7 +268,7 @@ def test_norms_and_variables_of_their_own_from_cvxpy(size, which, fresh_rng):
     cp.Problem(cp.Minimize(belief @ cp.hstack(costs)), given).solve(solver=cp.CLARABEL, **EXACT)
     np.testing.assert_allclose(action, u.value, atol=1e-8)
     assert consistent_beliefs(problem, action).contains(belief)
-    assert problem.constraints.needs_lift == (size == 30 or which == 4)
+    assert problem.constraints.needs_lift
 
 
 def test_what_cannot_be_lifted_is_named():

@@ -41,6 +41,7 @@ from inscrutable.experiments.attack import Reading, attack_weights
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.own_model import LimitsPart, OwnModel, investor_of
 from inscrutable.experiments.silence import budget_in
+from inscrutable.problems.magnitudes import MagnitudeRegion
 
 ASSETS = ["Oil", "Food", "Tech"]
 MODEL = """
@@ -276,10 +277,10 @@ VERBS = {
     ),
     "turnover against nothing": ("protect --model M --belief 0.5,0.5 --turnover 0.1", 3, "--previous"),
     "weights before without a limit": ("protect --model M --belief 0.5,0.5 --previous W", 3, "--turnover"),
-    "turnover of a sequence": (
-        "protect --model M --belief 0.5,0.5 --state s.json --turnover 0.1",
-        3,
-        "a limit on turnover depends on the weights held. Leave turnover out",
+    "weights before a sequence": (
+        "protect --model M --belief 0.5,0.5 --state s.json --turnover 0.1 --previous W",
+        2,
+        "--state takes --belief",
     ),
     "a budget in words": ("protect --model M --belief 0.5,0.5 --budget lots", 2, "expected a share of |c*|"),
     "a budget below nothing": ("protect --model M --belief 0.5,0.5 --budget -0.1", 3, "must be at least 0"),
@@ -303,7 +304,7 @@ VERBS = {
     "budgets in words": ("compare --budgets lots", 2, "expected shares of |c*|"),
     "two units of budgets in one": ("compare --budgets silence:5bp", 2, "expected shares"),
     "regimes twice": ("backtest --model M --regimes 3", 2, "the model gives its own"),
-    "a backtest with turnover": ("backtest --turnover 0.2", 3, "leave both out (--no-sequential"),
+    "a backtest with turnover": ("backtest --turnover 0.2 --disclosure every(3)", 3, "leave out the disclosure"),
     "other assets than the returns'": ("backtest --model M", 3, "asset labels"),
     "a riskless rate of several columns": ("backtest --riskless R", 2, "expected one"),
     "a riskless rate in percent": ("backtest --riskless P", 3, "divide percentages by 100"),
@@ -432,14 +433,16 @@ def test_a_model_goes_to_disk_with_limits_on_magnitudes(tmp_path):
     size = 14
     names = tuple(f"S{k}" for k in range(size))
     small = own()
-    problem = MarkowitzProblem(np.zeros((2, size)), [np.eye(size)] * 2, 1.0, long_short(names, gross=1.5))
+    region = long_short(names, gross=1.5)
+    tilted = MagnitudeRegion(region.rows, [region.limits[0]._replace(most=2.0, linear=np.linspace(0, 1, size))])
+    problem = MarkowitzProblem(np.zeros((2, size)), [np.eye(size)] * 2, 1.0, tilted)
     from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
 
     world = HiddenMarkovModel(small.world.transition, CategoricalEmission(np.eye(2)))
     model = InvestorModel(world, problem, names, ("a", "b"), turnover=0.25)
     again = InvestorModel.load(model.save(tmp_path / "model.json"))
     assert again.turnover == 0.25
-    assert again.problem.constraints.needs_lift
+    np.testing.assert_array_equal(again.problem.constraints.limits[0].linear, tilted.limits[0].linear)
     previous = dict.fromkeys(names[::-1], 1 / size)
     near = again.problem_after(previous)
     np.testing.assert_allclose(near.solve([0.5, 0.5]), model.problem_after(previous).solve([0.5, 0.5]))

@@ -67,12 +67,13 @@ def test_turnover_is_the_sum_of_trades():
     rng = np.random.default_rng(1)
     previous = np.array([0.5, 0.0, 0.3, 0.2])
     region, only = turnover(previous, 0.3), turnover(previous, 0.3, long_only=True)
-    assert (len(region.b_ub), len(only.b_ub)) == (16, 8 + 1)
-    assert region.names[1] == "turnover <= 0.3 (sold: u[3])"
+    rows = region.in_decision
+    assert (len(rows.b_ub), len(only.in_decision.b_ub)) == (16, 8 + 1)
+    assert rows.names[1] == "turnover <= 0.3 (below: u[3])"
     for _ in range(2000):
         point = previous + rng.normal(size=4) * 0.1
         traded = np.abs(point - previous).sum() <= 0.3
-        assert is_inside(region, point) == traded
+        assert is_inside(region, point) == is_inside(rows, point) == traded
         assert is_inside(only, point) == (traded and point[1] >= 0)
     assert is_inside(turnover(previous, 0.0), previous)
 
@@ -81,7 +82,7 @@ def test_names_come_from_a_mapping_or_a_series():
     pandas = pytest.importorskip("pandas")
     held = {"Food": 0.5, "Oil": 0.5}
     for previous in (held, pandas.Series(held)):
-        assert turnover(previous, 0.1).names[-1] == "turnover <= 0.1 (sold: Food, Oil)"
+        assert turnover(previous, 0.1).in_decision.names[-1] == "turnover <= 0.1 (below: Food, Oil)"
     frame = pandas.DataFrame(np.zeros((1, 2)), columns=["Food", "Oil"])
     assert max_weights(frame.columns, 0.3).names == ("Food <= 0.3", "Oil <= 0.3")
 
@@ -89,7 +90,7 @@ def test_names_come_from_a_mapping_or_a_series():
 @pytest.mark.parametrize("size", [4, 7, 9])
 @pytest.mark.parametrize("which", ["gross", "turnover"])
 def test_the_observer_inverts_limits_on_magnitudes(which, size):
-    """Where many rows are tight at once (assets at zero, or not traded) the set is still the lifted programme's."""
+    """Where many rows are tight at once (assets at zero, or not traded) the set is that of the rows of all signs."""
     rng = np.random.default_rng(size)
     factors = rng.normal(size=(3, size, size))
     hessians = factors @ factors.transpose(0, 2, 1) / size + 0.05 * np.eye(size)
@@ -100,9 +101,10 @@ def test_the_observer_inverts_limits_on_magnitudes(which, size):
     for belief, target in zip(rng.dirichlet(np.ones(3), 4), rng.dirichlet(np.ones(3), 4), strict=True):
         action = problem.solve(belief)
         assert np.abs(action).sum() <= 1.3 + 1e-9 or which == "turnover"
-        tight = region.slacks(action) < region.min_slack
+        rows = region.in_decision
+        tight = rows.slacks(action) < region.min_slack
         gradients = np.stack([h @ action + g for h, g in zip(problem.hessians, problem.linear, strict=True)], axis=1)
-        system = consistent.kkt_system(gradients, region.A_ub[tight], region.A_eq)
+        system = consistent.kkt_system(gradients, rows.A_ub[tight], rows.A_eq)
         found = consistent_beliefs(problem, action)
         assert found.contains(belief)
         np.testing.assert_allclose(found.bounds(), consistent.bounds(system), atol=1e-6)

@@ -132,6 +132,18 @@ def test_weights_that_the_rule_plays_under_no_belief_of_the_grid_count_as_the_ne
     np.testing.assert_allclose(found.published, model.problem.solve([0.41, 0.59]), atol=1e-9)
 
 
+def test_the_command_keeps_a_limit_on_turnover(small, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, file, _, _ = small
+    state, published = tmp_path / "state", []
+    for month, belief in enumerate(("0.1,0.9", "0.9,0.1", "0.2,0.8")):
+        call = ["protect", "--model", str(file), "--belief", belief, "--state", str(state), "--publish", "--json"]
+        assert main([*call, "--turnover", "0.6", "--seed", str(month)]) == 0
+        published.append(list(json.loads(capsys.readouterr().out)["published"].values()))
+    assert np.abs(np.diff(published, axis=0)).sum(axis=1).max() <= 0.6 + 1e-9
+    assert main([*call, "--turnover", "0.5"]) == 3
+    assert "another limit on turnover" in capsys.readouterr().err
+
+
 def test_the_command_publishes_once(small, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _, file, state, _ = small
     copy = Path(shutil.copy(state, tmp_path / "state"))

@@ -236,11 +236,13 @@ def test_a_study_goes_on_with_the_same_source_alone(module, tmp_path):
         with pytest.raises(InputError, match=r"was begun with the extensions .*; pass extensions="):
             resume_study(tmp_path / "half", extensions=wrong)
     path = tmp_path / "library" / f"{module}.py"
-    path.write_text(MODULE + "# a remark\n")
+    path.write_text(MODULE.replace("[[p, 1 - p]", "[[1 - p, p]"))
     sys.modules.pop(module)
     with pytest.raises(InputError, match=r"the source of .*:Coin has changed since the study was begun"):
         resume_study(tmp_path / "half", extensions=extensions)
-    path.write_text(MODULE)
+    # A remark, and parts that the study does not name, may change.
+    path.write_text(MODULE.replace('return "many"', 'return "few"') + "# a remark\n")
+    sys.modules.pop(module)
     found = resume_study(tmp_path / "half", extensions=extensions).frame()
     assert found.equals(whole)
 
@@ -323,3 +325,10 @@ def test_a_part_that_fails_is_a_row_that_says_so(module, tmp_path):
     broken.write_text("raise SystemExit(3)\n")
     with pytest.raises(InputError, match=r"broken_parts:x cannot be imported: SystemExit: 3"):
         Study.of(data, extensions=["broken_parts:x"])
+
+
+def test_an_unknown_kind_hints_at_extensions():
+    plain = {"name": "s", "beliefs": DATA["beliefs"], "decision_makers": "ODM", "world": {"kind": "random"}}
+    for part in ("world", "problem"):
+        with pytest.raises(InputError, match=r"unknown 'Gauge'.*--extension module:name"):
+            Study.of({**plain, part: {"kind": "Gauge"}})

@@ -27,18 +27,11 @@ def protect_next(
 
     import numpy as np
 
-    from inscrutable.errors import InputError
     from inscrutable.experiments.own_model import investor_of
     from inscrutable.experiments.protect_sequence import protect_step
     from inscrutable.experiments.silence import budget_in
 
     investor = investor_of(model, limits)
-    if investor.turnover is not None:
-        raise InputError(
-            "--state takes no limit on turnover: its file fixes the candidate portfolios and prices of the sequential rule for "
-            "all months, but a limit on turnover depends on the weights held. Leave turnover out; or protect each month alone "
-            "with --previous FILE and without --state, which does not protect against an observer who remembers"
-        )
     if not state.exists():
         speech.log(f"No sequence in {state} yet: the prices that spend the budget in the long run are computed once.")
     limit = None if asked is None else budget_in(investor.world, investor.problem, asked)

@@ -206,6 +206,8 @@ def _told(done: Study, speech: Speech) -> int:
         _say_errors(done, speech)
     if how.left:
         speech.log(f"To do the others: inscrutable study resume {done.folder}")
+    elif not speech.json:
+        speech.log(f"Its figures and page: {_REPORT.format(done.folder)}")
     return FAILED_TASKS if how.failed else 0
 
 

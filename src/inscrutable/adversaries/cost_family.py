@@ -51,7 +51,7 @@ class CostFamily:
             points = np.atleast_2d(problem.check_actions(actions))
         else:
             points = np.atleast_2d(validation.finite_array(problem.as_points(actions), "actions", ndim=(1, 2)))
-            region = problem.constraints
+            region = problem.constraints.in_decision
             for rows, sides, both in ((region.A_ub, region.b_ub, False), (region.A_eq, region.b_eq, True)):
                 off = points @ rows.T - sides
                 beyond = (np.abs(off) if both else off) - rounding * np.abs(rows).sum(axis=1)

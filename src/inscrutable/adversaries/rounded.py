@@ -122,19 +122,18 @@ def completed(problem: DecisionProblem, published: Array, half_unit: float) -> C
     region = problem.constraints
     if half_unit == 0.0 and region.violation(published) <= 0.5 * tolerances.FEASIBILITY:
         return Completed(published, 0.0, True)
-    if region.needs_lift:  # which constraints rounding can reach is not known
-        return _changed(_nearest(region, published), published, on_face=False)
-    reach = half_unit * np.abs(region.A_ub).sum(axis=1) / region.row_scale + tolerances.FEASIBILITY
-    near = region.slacks(published) <= reach
-    face = Polyhedron(
-        region.A_ub[~near],
-        region.b_ub[~near],
-        np.vstack([region.A_eq, region.A_ub[near]]),
-        np.concatenate([region.b_eq, region.b_ub[near]]),
-    )
     try:
+        rows = region.in_decision
+        reach = half_unit * np.abs(rows.A_ub).sum(axis=1) / rows.row_scale + tolerances.FEASIBILITY
+        near = rows.slacks(published) <= reach
+        face = Polyhedron(
+            rows.A_ub[~near],
+            rows.b_ub[~near],
+            np.vstack([rows.A_eq, rows.A_ub[near]]),
+            np.concatenate([rows.b_eq, rows.b_ub[near]]),
+        )
         return _changed(_nearest(face, published), published, on_face=True)
-    except ModelError:
+    except ModelError:  # limits without rows in the decision, or an empty face
         return _changed(_nearest(region, published), published, on_face=False)
 
 

@@ -202,7 +202,7 @@ class _Descent:
     equalities, so that finite differences stay on them."""
 
     def __init__(self, watched: _Watched, start: Array) -> None:
-        region = watched.problem.constraints
+        region = watched.problem.constraints.in_decision
         free = watched.free
         self._watched, self._free = watched, free
         self._scale = max(watched.limit, np.finfo(float).tiny)

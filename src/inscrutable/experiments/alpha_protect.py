@@ -182,7 +182,7 @@ def protect_alphas(
         maker,
         tuple(alphas.index),
         tuple(drawn),
-        sequence.n_published,
+        0 if state is None else sequence.n_published,
         sequence.total_regret,
         sequence.total_bits,
         expected,

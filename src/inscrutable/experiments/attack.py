@@ -122,7 +122,7 @@ class Attack:
             gap = max(row.gap - row.allowance for row in self.rows)
             parts.append(
                 f"{len(self) - len(explained)} are given their nearest explanation, which leaves up to {regret_text(gap)} of "
-                "regret"
+                "regret beyond what is allowed for"
             )
         if self.regret:
             parts.append(f"a regret of {regret_text(self.regret)} is allowed for")

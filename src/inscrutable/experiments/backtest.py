@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -136,24 +137,27 @@ def run_backtest(
     measure, budget = chosen.measure, chosen.budget_of_each
     candidates = candidates_for(problem, measure, None)
     aware: AwareReading | None = None
+    names = tuple(market.returns.columns), tuple(held.columns)
+    investor, rows = InvestorModel(fit.world, problem, *names, turnover=chosen.turnover), held.to_numpy()
+    play = partial(play_sequentially, world, investor, rows, spent, rng=sequential_rng, public=symbols)
     if chosen.turnover is None:
         decision_makers: dict[str, Maker] = {
             "ODM": OriginalDecisionMaker(problem),
             "CDM": CounterAdversarialDecisionMaker(problem, measure, budget, candidates=candidates),
             "PDM": ProbabilisticDecisionMaker(problem, measure, budget, candidates=candidates),
         }
-        episode = run_episode(problem, held.to_numpy(), decision_makers, rng=draw_rng, progress=progress)
+        episode = run_episode(problem, rows, decision_makers, rng=draw_rng, progress=progress)
         shown, earned_at = Disclosure.of(chosen.disclosure), market.held.to_numpy()
         seen = Beside(shown, earned_at, symbols)
         aware = read_knowingly(episode, world, decision_makers, measure, rng=aware_rng, beside=seen)
+        part = play() if chosen.sequential and aware is not None else None
     else:
-        episode = _near_the_last(market, chosen, fit.world, problem, held, draw_rng, progress)
-    part = None
-    if aware is not None and chosen.sequential:
-        part = play_sequentially(world, problem, episode.beliefs, spent, rng=sequential_rng, public=symbols)
-    if aware is not None and part is not None:
-        aware = part.joined(aware, SEQUENTIAL)
-        episode = replace(episode, records={**episode.records, SEQUENTIAL: part.record(episode.beliefs, measure)})
+        part = play() if chosen.sequential else None  # before the others: the limit may cost more than its budget
+        episode = _near_the_last(investor, chosen, held, draw_rng, progress)
+    if part is not None:
+        aware = None if aware is None else part.joined(aware, SEQUENTIAL)
+        made = part.record(investor, episode.beliefs, measure)
+        episode = replace(episode, records={**episode.records, SEQUENTIAL: made})
     performance = _performance(episode, market, chosen)
     comparisons = {name: _comparison(earned, performance["ODM"], bootstrap_rng) for name, earned in performance.items()}
     for doubt in resting_beliefs(held):  # the fit says its own
@@ -178,17 +182,13 @@ def run_backtest(
 
 
 def _near_the_last(
-    market: ReturnsSample,
+    investor: InvestorModel,
     settings: BacktestSettings,
-    world: HiddenMarkovModel,
-    problem: MarkowitzProblem,
     held: pd.DataFrame,
     rng: np.random.Generator,
     progress: Progress | None,
 ) -> Episode:
     """Decisions that turnover limits against those published before."""
-    assets, regimes = tuple(market.returns.columns), tuple(held.columns)
-    investor = InvestorModel(world, problem, assets, regimes, turnover=settings.turnover)
     budget = settings.budget_of_each
     rows = held.to_numpy()
 

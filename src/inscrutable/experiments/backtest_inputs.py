@@ -48,7 +48,7 @@ class BacktestSettings:
             amount of data.
         sequential: Whether the sequential rule (SDM) is played as well, whose prices take up to a minute to find.
         own: A model of one's own: limits on weights, and regimes that are then not fitted; its risk aversion, budget and
-            costs are for the caller to take over. With a limit on turnover `sequential` must be False.
+            costs are for the caller to take over.
         disclosure: What one more rival is shown of the weights, how often and how late, such as "every(3)|delayed(2)", in rows
             of the returns; of `portfolio_return()` it knows the returns. Steps count from the first decision.
         rival: A rival's decision problem, as `read_rival` gives it, for the worth of beliefs and weights; None: the investor's
@@ -89,12 +89,10 @@ class BacktestSettings:
             raise InputError(f"measure must be a privacy measure such as MaximalObfuscation(), got {self.measure!r}")
         if self.own is not None and self.own.world is not None:
             object.__setattr__(self, "regimes", self.own.world.n_states)
-        if self.turnover is not None and (self.sequential or self.disclosure != str(Disclosure())):
+        if self.turnover is not None and self.disclosure != str(Disclosure()):
             raise InputError(
-                "with a limit on turnover ODM, CDM and PDM decide near the weights they published last; the sequential rule "
-                "cannot, because its portfolios and their prices are fixed for all decisions, and what turnover allows depends "
-                "on the weights held; a disclosure is read by observers of rules that do not change from one decision to the "
-                "next: leave both out (--no-sequential, sequential=False), or the limit"
+                "with a limit on turnover every decision is made near the weights published last, and a disclosure is read by "
+                "observers of rules that do not change from one decision to the next: leave out the disclosure, or the limit"
             )
         if self.turnover is not None and self.rival is not None:
             raise InputError(

@@ -138,8 +138,14 @@ class Backtest:
         return self._read_as(name, {} if self.aware is None else self.aware.estimates)
 
     def followed_estimates(self, name: str) -> pd.DataFrame:
-        """Return the aware observer's estimates from all weights so far, (T,X); NaN without one."""
-        return self._read_as(name, {} if self.aware is None else self.aware.followed)
+        """Return the aware observer's estimates from all weights so far, (T,X); NaN without one.
+
+        Where turnover is limited there is one of the sequential rule alone.
+        """
+        if self.aware is not None:
+            return self._read_as(name, self.aware.followed)
+        alone = {} if self.sequential is None else {SEQUENTIAL: self.sequential.path.observer_means}
+        return self._read_as(name, alone)
 
     def disclosed_estimates(self, name: str) -> pd.DataFrame:
         """Return the same under the settings' disclosure, (T,X); NaN where it shows everything.

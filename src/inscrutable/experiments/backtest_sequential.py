@@ -22,8 +22,9 @@ from inscrutable.experiments.backtest_aware import (
     without_public,
 )
 from inscrutable.experiments.episodes import Record
+from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.geometry import BeliefSet
 from inscrutable.privacy import PrivacyMeasure
-from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 
@@ -60,28 +61,26 @@ class SequentialPart:
         """Return the root mean square error that no rule of a long-run mean regret exceeds, on this grid and candidates."""
         return float(np.sqrt(max(ceiling_of(self.maker.table, regret), 0.0)))
 
-    def record(self, beliefs: Array, measure: PrivacyMeasure) -> Record:
-        """Return the published portfolios as those of the other decision makers, for beliefs (T,X)."""
-        problem, path = self.maker.problem, self.path
-        costs = np.asarray(problem.optimal_cost(beliefs))
-        nowhere = np.full(beliefs.shape[1], np.nan)
-        played = [
-            Decision(
-                action,
-                float(cost + regret),
-                float(cost),
-                float(regret),
-                float(measure.at_step(t)(belief, belief_set_of(problem, action))),
-                np.inf,
-                nowhere,
-                DecisionStatus.DRAWN,
-                problem,
+    def record(self, investor: InvestorModel, beliefs: Array, measure: PrivacyMeasure) -> Record:
+        """Return the published portfolios as those of the other decision makers, for beliefs (T,X).
+
+        Regrets are those near the portfolio before, where turnover is limited: what the limit costs is no price of privacy.
+        """
+        path, played, sets = self.path, list[Decision](), list[BeliefSet]()
+        nowhere, spared = np.full(beliefs.shape[1], np.nan), np.zeros(len(beliefs))
+        for t, (belief, action) in enumerate(zip(beliefs, path.actions, strict=True)):
+            problem = investor.problem_after(path.actions[t - 1] if t else None)
+            least = float(problem.optimal_cost(belief))
+            spared[t] = least - float(investor.problem.optimal_cost(belief))
+            regret = max(float(path.regrets[t] - spared[t]), 0.0)
+            sets.append(belief_set_of(problem, action))
+            hidden = float(measure.at_step(t)(belief, sets[t]))
+            played.append(
+                Decision(action, least + regret, least, regret, hidden, np.inf, nowhere, DecisionStatus.DRAWN, problem)
             )
-            for t, (belief, action, cost, regret) in enumerate(
-                zip(beliefs, path.actions, costs, path.regrets, strict=True)
-            )
-        ]
-        return Record(stack(played, problem), expected=path.own_regrets)
+        decisions = stack(played, None)
+        vars(decisions)["belief_set"] = tuple(sets)
+        return Record(decisions, expected=path.own_regrets - spared)
 
     def joined(self, aware: AwareReading, name: str) -> AwareReading:
         """Return what rivals read with this rule under a name, and ceilings, which it alone knows."""
@@ -101,7 +100,7 @@ class SequentialPart:
 
 def play_sequentially(
     world: HiddenMarkovModel,
-    problem: MarkowitzProblem,
+    investor: InvestorModel,
     beliefs: Array,
     budget: Budget | None,
     *,
@@ -114,7 +113,7 @@ def play_sequentially(
 
     Args:
         world: The fitted world, whose predicted belief the rule takes the law of.
-        problem: The portfolio problem.
+        investor: The portfolio problem, and its limit on turnover.
         beliefs: What the investor holds, in the order of time.
         budget: Long-run mean regret; None is half of what silence costs in the long run.
         rng: The source of the simulations and draws.
@@ -125,12 +124,15 @@ def play_sequentially(
     """
     reading = rivals_chain(world, resolution_for(world.n_states, _MOST_BELIEFS), public, rng=rng)
     chain, prior = without_public(reading), reading.prior
+    problem = investor.problem
     costs = np.asarray(problem.optimal_cost(prior.beliefs))
     silence = max(float(problem.optimal_cost(prior.mean)) - float(prior.weights @ costs), 0.0)
     limit = Budget.regret(SHARE_OF_SILENCE * silence) if budget is None else budget
     if not float(prior.weights @ limit.limits(costs)) > 0:
         return None
-    maker = SequentialDecisionMaker(problem, limit, chain=chain, information_price=float("inf"), rng=rng)
+    maker = SequentialDecisionMaker(
+        problem, limit, chain=chain, information_price=float("inf"), turnover=investor.turnover, rng=rng
+    )
     path, *others = (maker.decide_path(beliefs, rng=rng) for _ in range(1 + _OTHER_DRAWS))
     beside = None
     if public is not None and len(maker.calibration.shares) == 1:

@@ -159,9 +159,7 @@ def problem_data(problem: MarkowitzProblem) -> dict[str, Any]:
     whole = problem.constraints
     limits = whole.limits if isinstance(whole, MagnitudeRegion) else ()
     region = whole.rows if isinstance(whole, MagnitudeRegion) else whole
-    given = [
-        {"weights": each.weights, "centers": each.centers, "most": each.most, "name": each.name} for each in limits
-    ]
+    given = [{**each._asdict(), "linear": np.broadcast_to(each.linear, region.n_actions)} for each in limits]
     return {
         "type": "markowitz",
         "means": problem.means,
@@ -193,7 +191,9 @@ def problem_of(given: ProblemPart, naming: Callable[[str], AbstractContextManage
         )
         if rows.limits:
             limits = [
-                MagnitudeLimit(np.array(each.weights), np.array(each.centers), each.most, each.name)
+                MagnitudeLimit(
+                    np.array(each.weights), np.array(each.centers), each.most, each.name, np.array(each.linear or 0.0)
+                )
                 for each in rows.limits
             ]
             region = MagnitudeRegion(region, limits)

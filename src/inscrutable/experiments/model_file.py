@@ -56,6 +56,7 @@ class LimitPart(Section):
     centers: Matrix
     most: float
     name: str
+    linear: Vector = Field(default_factory=list)
 
 
 class ConstraintsPart(Section):

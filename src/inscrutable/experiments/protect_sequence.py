@@ -213,7 +213,7 @@ def protect_step(
     source = np.random.default_rng() if rng is None else validation.generator(rng)
     chain = chain_of(model)
     limit = model.budget if budget is None else as_budget(budget)
-    maker = SequentialDecisionMaker(problem, limit, chain=chain, rng=source)
+    maker = SequentialDecisionMaker(problem, limit, chain=chain, turnover=model.turnover, rng=source)
     sequence = maker.begin()
     try:
         if path.exists():

@@ -15,6 +15,7 @@ from inscrutable.kernels.copies import put, put_descending
 from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.options import inlined, integer, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.region_climb import (
+    Ascents,
     ClimbRoom,
     Climbs,
     Spots,
@@ -93,6 +94,9 @@ class Explored(NamedTuple):
     is_known: Any  # (T,C) whether lines through the region's cheapest decision were looked at
     n_tried: Any  # (T,)
     tried: Any  # (T,Q)
+    n_ascents: Any  # (T,1)
+    ascent_region: Any  # (T,N) where the last ascents began and ended
+    ascent_place: Any  # (T,N,M)
 
 
 class Turn(NamedTuple):
@@ -447,7 +451,9 @@ def search_regions(
     steps: Any, aims: Any, regions: Any, starts: Any, rules: Any, limits: Any, reached: Any, most: int
 ) -> None:
     """Search for beliefs `steps` (n,), each until it has ended or asks for regions that are missing; `most` climbs a turn."""
-    turn = _turn_room(rules.basis.shape[0], regions.bounds[0].size, regions.tight.shape[1], most)
+    # Where tight rows depend on one another, their cone of multipliers may have more facets than there are rows.
+    n_rows = max(regions.tight.shape[1], regions.n_set_rows.max())
+    turn = _turn_room(rules.basis.shape[0], regions.bounds[0].size, n_rows, most)
     search = (reached, turn)
     climbs, spots = turn.climbs, turn.spots
     for t in steps:
@@ -462,7 +468,8 @@ def search_regions(
             if aim.sign > 0.0:
                 # No set is farther than its members: regions whose decoys are not worth as much are left out.
                 floor = _top(reached, t, 0)
-                search_sets(count, climbs, aim, floor, regions, rules, spots, turn.climb)
+                ascents = Ascents(reached.n_ascents[t], reached.ascent_region[t], reached.ascent_place[t])
+                search_sets(count, climbs, aim, floor, regions, rules, (spots, ascents), turn.climb)
             for j in range(count):
                 number = climbs.region[j]
                 orthant = 0 if regions.is_point[number] else _orthant(spots.far[j], aim.point)

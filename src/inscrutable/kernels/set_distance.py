@@ -190,7 +190,7 @@ def nearest_belief(face: Any, w: Any, point: Any, rules: Any, reversed_row: int,
 def is_explained_once(face: Any, w: Any, rules: Any, n_rows: int, same: float) -> bool:
     """Whether one belief alone explains the decision: the consistent beliefs nearest to all corners differ by at most `same`.
 
-    `n_rows` is the most rows that a face of the problem has.
+    `n_rows` is the number of rows of the consistent set.
     """
     n_states = rules.basis.shape[0]
     room = distance_room(n_states, w.size - 1, n_rows)

@@ -257,6 +257,11 @@ class Polyhedron:
         """The set as rows, in more variables than the decision's where it takes these."""
         return self
 
+    @property
+    def in_decision(self) -> Polyhedron:
+        """The set as rows in the decision itself."""
+        return self
+
     def __repr__(self) -> str:
         return f"Polyhedron({self.n_actions} coordinates, {len(self.b_ub)} inequalities, {len(self.b_eq)} equalities)"
 
@@ -435,14 +440,14 @@ def checked_region(
     """Return a feasible set in `n_actions` coordinates that is not empty, or raise `InputError` or `ModelError`.
 
     Its coordinates are put in the order of `assets`, which takes the set's where it has none. `lifts` says that the problem
-    accepts a set that needs more variables.
+    uses the set's rows in more variables; others get those in the decision.
     """
     if not isinstance(constraints, Polyhedron):
         raise InputError(f"constraints must be a Polyhedron, got {type(constraints).__name__}")
     if constraints.n_actions != n_actions:
         raise InputError(f"constraints have {constraints.n_actions} coordinates, the costs {n_actions}")
-    if constraints.needs_lift and not lifts:
-        _ = constraints.A_ub  # raises the error that says what to do
+    if not lifts:
+        constraints = constraints.in_decision
     constraints.check_feasible()
     return constraints if assets is None else constraints.in_order(assets)
 

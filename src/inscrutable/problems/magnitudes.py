@@ -1,7 +1,8 @@
 """Feasible sets with limits on sums of magnitudes, Σ_j w_j |u_j − b_j| ≤ L, of any number of coordinates.
 
-In the decision's coordinates such a limit takes one row for every choice of signs. In the variables of `Segments` it is one
-row; costs, decisions and consistent beliefs use these variables, by the problem's forms.
+In the variables of `Segments` such a limit is one row; quadratic and linear costs, their decisions and consistent beliefs use
+these variables, by the problem's forms. In the decision's coordinates it takes one row for every choice of signs: they are
+written only for other costs.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from inscrutable.problems.segments import MagnitudeLimit, Segments
 from inscrutable.validation import Array
 
 MOST_SIGNED = 10
-"""Most coordinates of either sign whose limit is written as rows of the decision: 1,024 rows, hundreds of them tight."""
+"""Most coordinates of either sign whose limit is written as rows in the decision: 1,024 rows, hundreds of them tight."""
 
 _HALVINGS = 50
 
@@ -35,17 +36,18 @@ class MagnitudeRegion(Polyhedron):
 
     Formula: {u ∈ C : Σ_j w_kj |u_j − b_kj| ≤ L_k for all k}.
 
-    Quadratic and linear problems accept it; its rows are those of `segments.feasible()`, in other variables than u. `A_ub`
-    raises `ModelError`.
+    Quadratic and linear problems use its rows in the variables of `segments`; other problems those of `in_decision`;
+    `A_ub` raises `ModelError`.
 
     Args:
         rows: C, the affine rows.
         limits: The limits.
 
     Raises:
-        ModelError: Rows in the decision itself are asked for.
+        ModelError: Rows in the decision itself are asked for, and more than ten coordinates of a limit can have either sign.
 
-    Cost: none. Source: Boyd and Vandenberghe, Convex Optimization (2004), section 6.1: norms by auxiliary variables.
+    Cost: none; in the decision up to 1,024 rows a limit. Source: Boyd and Vandenberghe, Convex Optimization (2004), section
+    6.1: norms by auxiliary variables.
 
     Example:
         >>> from inscrutable import simplex, turnover
@@ -78,12 +80,17 @@ class MagnitudeRegion(Polyhedron):
         """Least and greatest value (U,) that rows with one coefficient leave to each coordinate."""
         return self.rows.coordinate_bounds
 
+    @cached_property
+    def in_decision(self) -> Polyhedron:
+        """The same set by rows in the decision."""
+        region = self.rows
+        for limit in self.limits:
+            region = _signed(region, limit) & region
+        return region
+
     def _no_rows(self) -> Any:
-        first = self.limits[0]
         raise ModelError(
-            f"{first.name!r} is a limit on a sum of {np.count_nonzero(first.weights)} magnitudes, which has no rows in the "
-            "decision: only quadratic and linear costs accept it; limit each coordinate instead (max_weights, min_weights), "
-            "or fewer of them"
+            "limits on sums of magnitudes are no rows of this set: those in the decision are of `in_decision`"
         )
 
     A_ub = b_ub = row_scale = property(_no_rows)
@@ -224,25 +231,36 @@ class MagnitudeRegion(Polyhedron):
         return f"MagnitudeRegion({self.rows!r}, {len(self.limits)} limits on sums of magnitudes)"
 
 
-def limited(rows: Polyhedron, limit: MagnitudeLimit, word: str = "below") -> Polyhedron:
-    """Return rows with a limit on a sum of magnitudes: as rows in the decision while few terms can have either sign.
-
-    Row names list after `word` the coordinates that count as below their centers.
-    """
+def limited(rows: Polyhedron, limit: MagnitudeLimit) -> Polyhedron:
+    """Return rows with a limit on a sum of magnitudes: one more row where no term can have either sign."""
     if isinstance(rows, MagnitudeRegion):
-        return limited(rows.rows, limit, word) & rows
+        return limited(rows.rows, limit) & rows
+    return MagnitudeRegion(rows, (limit,)) if (_signs(rows, limit) == 0).any() else _signed(rows, limit) & rows
+
+
+def _signs(rows: Polyhedron, limit: MagnitudeLimit) -> Array:
+    """The sign of each term of a limit: 1 or −1, and 0 where it can have either."""
     term, place = np.nonzero(limit.weights)
     centers, (lower, upper) = limit.centers[term, place], rows.coordinate_bounds
-    above, below = lower[place] >= centers, upper[place] <= centers
-    if int((~above & ~below).sum()) > MOST_SIGNED:
-        return MagnitudeRegion(rows, (limit,))
-    choices = [(1.0,) if up else (-1.0,) if down else (1.0, -1.0) for up, down in zip(above, below, strict=True)]
-    signs = np.array(list(product(*choices))).reshape(-1, place.size)
+    return np.where(lower[place] >= centers, 1.0, np.where(upper[place] <= centers, -1.0, 0.0))
+
+
+def _signed(rows: Polyhedron, limit: MagnitudeLimit) -> Polyhedron:
+    """A limit as one row for every choice of signs; row names list the coordinates that count as below their centers."""
+    known = _signs(rows, limit)
+    term, place = np.nonzero(limit.weights)
+    if (known == 0).sum() > MOST_SIGNED:
+        raise ModelError(
+            f"{limit.name!r} is a limit on a sum of {place.size} magnitudes, which has no rows in the "
+            "decision: only quadratic and linear costs accept it; limit each coordinate instead (max_weights, min_weights), "
+            "or fewer of them"
+        )
+    signs = np.array(list(product(*((sign,) if sign else (1.0, -1.0) for sign in known)))).reshape(-1, place.size)
     weighted = signs * limit.weights[term, place]
-    sides = weighted @ centers + limit.most
     summed = np.broadcast_to(limit.linear, (len(signs), rows.n_actions)).copy()
     np.add.at(summed.T, place, weighted.T)
     names = rows.asset_names
     labels = np.array([f"u[{j}]" for j in range(rows.n_actions)] if names is None else names, dtype=str)[place]
-    told = [f"{limit.name} ({word}: {', '.join(labels[row < 0]) or 'none'})" for row in signs]
-    return Polyhedron(summed, sides, names=told, min_slack=rows.min_slack, asset_names=names) & rows
+    told = [f"{limit.name} (below: {', '.join(labels[row < 0]) or 'none'})" for row in signs]
+    sides = weighted @ limit.centers[term, place] + limit.most
+    return Polyhedron(summed, sides, names=told, min_slack=rows.min_slack, asset_names=names)

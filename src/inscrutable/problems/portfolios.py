@@ -1,14 +1,13 @@
 """Feasible sets of portfolios: caps, floors, groups, long and short, turnover; each some rows of a `Polyhedron`.
 
 Assets are given by their number or by their names, which then name rows in messages. Sets are combined with `&`. A limit on a
-sum of magnitudes, Σ|u_j| ≤ g, is one row for every choice of signs if at most ten assets can have either sign; with more assets
-it is a `MagnitudeRegion`, for quadratic and linear costs only.
+sum of magnitudes, Σ|u_j| ≤ g, is a `MagnitudeRegion`: for quadratic and linear costs of any number of assets, for other costs
+if at most ten of them can have either sign.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from inscrutable import tolerances, validation
 from inscrutable.axes import Axis, Names, axis_labels
 from inscrutable.errors import InputError, ModelError
 from inscrutable.problems.constraints import Bounds, Polyhedron
-from inscrutable.problems.magnitudes import MOST_SIGNED, limited
+from inscrutable.problems.magnitudes import limited
 from inscrutable.problems.segments import MagnitudeLimit
 from inscrutable.validation import Array
 
@@ -130,9 +129,8 @@ def long_short(
 ) -> Polyhedron:
     """Return {u : Σ|u_j| ≤ gross, Σu_j = net}, holdings long and short.
 
-    Formula: with Σu = net the gross limit is −Σ_{j in S} u_j ≤ (gross − net)/2 for every set S of `shortable` assets, one row
-    each; the other assets are at least zero. With a range of nets it is Σ_{j not in S} u_j − Σ_{j in S} u_j ≤ gross. With more
-    than ten `shortable` assets the set is a `MagnitudeRegion`.
+    Formula: Σ|u_j| ≤ gross, least ≤ Σu_j ≤ greatest net, and u_j ≥ 0 for assets that are not `shortable`; a `MagnitudeRegion`
+    where some are.
 
     Args:
         assets: The number of assets, or their names.
@@ -145,11 +143,11 @@ def long_short(
         InputError: An asset is unknown, or a number is not finite.
         ModelError: The gross limit is below |net|.
 
-    Cost: 2 to the number of shortable assets rows, up to ten; else none. Source: the paper, eq. (3).
+    Cost: none. Source: the paper, eq. (3).
 
     Example:
         >>> long_short(["A", "B"], gross=1.6, net=1.0).names
-        ('gross <= 1.6 (short: A)', 'gross <= 1.6 (short: B)', 'net = 1')
+        ('net = 1', 'gross <= 1.6')
     """
     names = asset_names(assets)
     most = validation.non_negative(gross, "gross")
@@ -173,9 +171,7 @@ def long_short(
     equal = ([ones], [low]) if exact else (None, None)
     plain = Polyhedron(rows, sides, *equal, names=labels + nets, min_slack=min_slack, asset_names=known)
     name = f"gross <= {most:g}"
-    if exact and chosen.size <= MOST_SIGNED:
-        return _short_rows(names, chosen, 0.5 * (most - low), name, plain) & plain
-    return limited(plain, MagnitudeLimit(ones[None], np.zeros((1, len(names))), most, name), "short")
+    return limited(plain, MagnitudeLimit(ones[None], np.zeros((1, len(names))), most, name))
 
 
 def turnover(
@@ -191,8 +187,7 @@ def turnover(
     `previous` are the weights that were published, not the private optimum: the agent and the observer both know them, so
     that the limit is part of the problem that the observer inverts.
 
-    Formula: ±(u_1 − p_1) ± … ± (u_U − p_U) ≤ limit, one row for every choice of signs if at most ten assets may be sold; else a
-    `MagnitudeRegion`. An asset that can only be bought has one sign.
+    Formula: Σ|u_j − previous_j| ≤ limit, a `MagnitudeRegion`; one row where all assets can only be bought.
 
     Args:
         previous: The last published weights, shape (U,), or a mapping (or a pandas series) from names to weights.
@@ -204,7 +199,7 @@ def turnover(
     Raises:
         InputError: A weight is not finite, the limit is negative or names disagree.
 
-    Cost: 2 to the number of assets that may be sold rows, up to ten; else none. Source: the paper, eq. (3).
+    Cost: none. Source: the paper, eq. (3).
 
     Example:
         >>> region = turnover([0.5, 0.5], 0.2)
@@ -225,9 +220,7 @@ def turnover(
         min_slack=min_slack,
         asset_names=order.names,
     )
-    return limited(
-        plain, MagnitudeLimit(np.ones((1, weights.size)), weights[None], most, f"turnover <= {most:g}"), "sold"
-    )
+    return limited(plain, MagnitudeLimit(np.ones((1, weights.size)), weights[None], most, f"turnover <= {most:g}"))
 
 
 def asset_names(assets: Assets) -> tuple[str, ...]:
@@ -326,14 +319,3 @@ def _pair(net: Any) -> Array:
     if values.size != 2:
         raise InputError(f"net must be one number or (least, greatest), got {values.size} numbers")
     return values
-
-
-def _short_rows(names: tuple[str, ...], chosen: np.ndarray, most: float, name: str, plain: Polyhedron) -> Polyhedron:
-    """Rows −Σ_{j in S} u_j ≤ most for every choice S of assets; all and none follow from the net."""
-    picks = [list(pick) for size in range(1, len(names)) for pick in combinations(chosen, size)]
-    rows = np.zeros((len(picks), len(names)))
-    for row, pick in zip(rows, picks, strict=True):
-        row[pick] = -1.0
-    labels = [f"{name} (short: {', '.join(names[j] for j in pick)})" for pick in picks]
-    sides = np.full(len(picks), most)
-    return Polyhedron(rows, sides, names=labels, min_slack=plain.min_slack, asset_names=plain.asset_names)

@@ -93,7 +93,8 @@ def reading_notes(attack: Attack) -> list[str]:
         ),
         Reading.IMPLAUSIBLE: (
             "nearest explanation: no belief explains the weights, rounded or not; shown is the belief of least regret, and the "
-            "gap is that regret, in basis points (bp) of wealth per row of returns: --regret with more reads a set."
+            "gap is that regret, in basis points (bp) of wealth per row of returns, what rounding and --regret allow included: "
+            "--regret with more reads a set."
         ),
     }
     return [note for reading, note in notes.items() if attack.count(reading)]

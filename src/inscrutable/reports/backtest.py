@@ -279,8 +279,10 @@ def _aware_notes(result: Backtest) -> list[str]:
         word = result.market.frequency.word
         return [
             f"Turnover is at most {result.settings.turnover:.3g} a {word}, against the weights published last, which the naive "
-            "observer knows. Every rule depends on them, so no aware observer is modelled; the naive observer's errors tell "
-            "nothing about it."
+            "observer knows. Every rule depends on them, so no aware observer is modelled"
+            f"{'' if result.sequential is None else ', except that of the SDM, whose rule it follows exactly'}; the naive "
+            "observer's errors tell nothing about it. Regrets are those of what turnover allows; the SDM's own budget also "
+            "counts what the limit costs."
         ]
     if result.aware is None:
         return ["The target changes from step to step, so no aware observer is modelled."]

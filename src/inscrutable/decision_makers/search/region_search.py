@@ -132,11 +132,12 @@ class SearchSpace:
         problem = self.problem
         numbers = self.partition.holding(actions)
         self.partition.make(numbers)
-        rules, most = rules_for(problem.n_states), problem.n_states + len(problem.constraints.b_ub)
+        rules = rules_for(problem.n_states)
         alone = np.ones(len(actions), dtype=np.bool_)
         for j, number in enumerate(numbers):
             programme = self.partition.programme(int(number))
-            alone[j] = is_explained_once(programme.arrays, programme.w(actions[j]), rules, most, tolerances.SAME_BELIEF)
+            place = programme.w(actions[j])
+            alone[j] = is_explained_once(programme.arrays, place, rules, programme.n_set_rows, tolerances.SAME_BELIEF)
         return alone
 
     @cached_property
@@ -328,6 +329,8 @@ def _explored(space: SearchSpace, count: int, most_missing: int) -> Explored:
         np.empty((count, _MOST_REACHED, n_states)), np.empty((count, _MOST_REACHED, size)),
         np.empty((count, _MOST_REACHED), dtype=np.bool_), np.empty((count, _MOST_REACHED), dtype=np.bool_),
         np.zeros(count, dtype=np.int64), np.empty((count, _MOST_TRIED), dtype=np.int64),
+        np.zeros((count, 1), dtype=np.int64), np.empty((count, _MOST_REACHED), dtype=np.int64),
+        np.empty((count, _MOST_REACHED, size)),
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import sparse
 
 from inscrutable import tolerances
 from inscrutable.decision_makers.sequential.laws import ChainLaw
@@ -77,6 +78,8 @@ def calibrated(
         return PriceCalibration(
             np.array([price]), told, np.ones(1), min(silence, limit), 0.0, *loss, limit, PriceStatus.SILENT
         )
+    if np.isfinite(table.turnover):
+        _check_turnover(market)
     prices = [share * unit for share in _SHARES] if asked is None else [asked]
     found = []
     for told in prices:
@@ -101,6 +104,26 @@ def calibrated(
             if not found:
                 raise
             _LOGGER.warning("information_price %.4g was replaced by the next best: %s", told, error)
+
+
+def _check_turnover(market: _Market) -> None:
+    """Raise `SolverError` where every belief's cheapest decision within the limit on turnover costs more than the budget."""
+    table, chain = market.table, market.law.chain
+    moves = np.cumsum(sparse.csr_array(chain.transition).toarray(), axis=1)
+    spent = np.empty(market.draws.shape)
+    for path, draws in zip(spent, market.draws, strict=True):
+        sums, kept = np.cumsum(chain.prior.weights), -1
+        for t, draw in enumerate(draws):
+            belief = min(int(np.searchsorted(sums, draw * sums[-1], side="right")), len(sums) - 1)
+            near = table.within_reach(kept)
+            kept = int(near[table.regrets[belief, near].argmin()])
+            path[t], sums = table.regrets[belief, kept], moves[belief]
+    batches = spent.reshape(-1, _BATCH).mean(axis=1)
+    if batches.mean() - 3.0 * batches.std() / np.sqrt(len(batches)) > market.limit:
+        raise SolverError(
+            f"a turnover of {table.turnover:g} alone costs a mean regret of {batches.mean():.3g}, and the budget is "
+            f"{market.limit:.3g}: take a larger turnover or budget, or leave the sequential rule out (--no-sequential)"
+        )
 
 
 def _silence(table: StepTable) -> float:

@@ -74,11 +74,15 @@ class SequentialDecisionMaker(Described):
             observer's loss counts from the disclosure of a decision to the next one. Public symbols in between are used by
             a rival with few answers; in the objective the square error, and a rival with many answers, ignore them, which can
             only overestimate the loss. `decide_path` counts them.
+        turnover: Largest sum of purchases and sales Σ_j |u_tj − u_{t−1,j}|: after a decision only the candidates within it
+            have a positive probability, which the observer knows too. Regrets stay those against the problem without this
+            limit. The first decision is free. None is no limit.
         calibration: Prices found before for the same problem, chain and budget; None: they are found at first use.
         rng: The source of the simulated calibration, and of the draw between two prices.
 
     Raises:
-        InputError: An argument is malformed, or the chain has another number of states.
+        InputError: An argument is malformed, or the chain has another number of states; `turnover` beside finite choices, a cap
+            or a disclosure.
         InputError: At first use: the rival's best answer is the same under every belief.
         SolverError: At first use: no price was found at which the budget is met, or a step was not solved to its gap.
 
@@ -120,6 +124,7 @@ class SequentialDecisionMaker(Described):
         information_price: float | None = None,
         worst_regret: Budget | float | None = None,
         disclosure: Disclosure | str | None = None,
+        turnover: float | None = None,
         calibration: PriceCalibration | None = None,
         rng: np.random.Generator,
     ) -> None:
@@ -135,6 +140,14 @@ class SequentialDecisionMaker(Described):
             raise InputError(f"information_price must be a number of at least 0, or None, got {information_price!r}")
         self.information_price = information_price
         self.worst_regret = None if worst_regret is None else as_budget(worst_regret)
+        self.turnover = np.inf if turnover is None else validation.non_negative(turnover, "turnover")
+        if turnover is not None and (
+            self.problem.is_discrete or worst_regret is not None or self.disclosure != Disclosure()
+        ):
+            raise InputError(
+                "turnover limits how far weights move that are published exactly and at once, and may leave none under a "
+                "cap: leave out worst_regret and disclosure, and finite choices"
+            )
         if calibration is not None and not isinstance(calibration, PriceCalibration):
             raise InputError(f"calibration must be a PriceCalibration, got {calibration!r}")
         self._calibration = calibration
@@ -150,7 +163,7 @@ class SequentialDecisionMaker(Described):
         """Beliefs, decisions and their regrets, made at first use."""
         prior = self.chain.prior
         columns = _columns(self.problem, self._given, prior)
-        asked = self.worst_regret, self.disclosure, self.loss
+        asked = self.worst_regret, self.disclosure, self.loss, self.turnover
         table = step_table(self.chain, columns, *asked)
         regrets = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
         least, limit = regrets.min(axis=1), float(prior.weights @ self.budget.limits(table.optimal_costs))
@@ -190,7 +203,7 @@ class SequentialDecisionMaker(Described):
     def mechanism_for(self, law: Prior, before: Any = None) -> Mechanism:
         """Return K on the chain's beliefs and all decisions, where the observer holds `law` before the decision.
 
-        `before` is the decision of the step before, which wins ties; None where there is none.
+        `before` is the decision of the step before, which wins ties and from which turnover counts; None where there is none.
 
         Raises:
             InputError: The law is on other beliefs, or one of two prices is to be drawn first: ask the sequence that did.

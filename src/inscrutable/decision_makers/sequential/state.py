@@ -33,6 +33,7 @@ class SequenceProblem(Saved):
     limit: float
     disclosure: str = EXACT
     rival: Array | None = None  # costs of its answers, (A,X), or (…,) if infinitely many; None for the square error
+    turnover: float | None = None
 
     def check(self, other: SequenceProblem) -> None:
         """Raise `InputError` where another differs by more than rounding."""
@@ -45,6 +46,7 @@ class SequenceProblem(Saved):
             "cap": "another cap on the regret",
             "limit": f"another budget, a mean regret of {other.limit:.4g} a step instead of {self.limit:.4g}",
             "rival": "another loss of the observer",
+            "turnover": "another limit on turnover",
         }
         if self.disclosure != other.disclosure:
             raise InputError(
@@ -82,7 +84,8 @@ def problem_of(table: StepTable, law: ChainLaw, limit: float) -> SequenceProblem
     rival = stakes.directions if stakes.width else None
     if stakes.rival is not None:  # also its loss at the known belief
         rival = np.hstack([stakes.directions.ravel(), stakes.spare])
-    return SequenceProblem(prior.beliefs, prior.weights, moves, found.points, costs, cap, limit, shown, rival)
+    most = table.turnover if np.isfinite(table.turnover) else None
+    return SequenceProblem(prior.beliefs, prior.weights, moves, found.points, costs, cap, limit, shown, rival, most)
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,6 +57,12 @@ class StepTable:
     cheapest: np.ndarray  # (B,C): the decision that a belief plays for a value
     cap: Budget | None
     stakes: Stakes
+    turnover: float = np.inf  # largest Σ_j |u_j − v_j| from one decision to the next
+
+    def within_reach(self, kept: int) -> np.ndarray:
+        """Return the numbers of the values that turnover allows after the value `kept`; all after none, −1."""
+        moved = np.abs(self.classes.values - self.classes.values[kept]).sum(axis=1)
+        return np.flatnonzero((moved <= self.turnover + tolerances.FEASIBILITY) | (kept < 0))
 
     @property
     def n_values(self) -> int:
@@ -116,14 +122,21 @@ class StepTable:
 
 
 def step_table(
-    chain: BeliefChain, columns: Columns, cap: Budget | None, disclosure: Disclosure | None, loss: Loss
+    chain: BeliefChain,
+    columns: Columns,
+    cap: Budget | None,
+    disclosure: Disclosure | None,
+    loss: Loss,
+    turnover: float = np.inf,
 ) -> StepTable:
     """Return the data of steps at any prices."""
     prior, shown = chain.prior, Disclosure.of(disclosure)
     costs = np.asarray(columns.problem.optimal_cost(prior.beliefs))
     classes = classes_of(columns, shown)
     found = _cheapest(columns, classes, cap, (prior.beliefs, costs))
-    return StepTable(prior, columns, shown, classes, costs, *found, cap, stakes_of(loss, chain, shown.schedule))
+    return StepTable(
+        prior, columns, shown, classes, costs, *found, cap, stakes_of(loss, chain, shown.schedule), turnover
+    )
 
 
 def _cheapest(
@@ -290,9 +303,14 @@ class StepRule:
 
         data = self._first_data if stakes is self.table.stakes else self._data(stakes)
         begun: Any = np.empty(0, np.int64), np.empty(0), np.empty((0, len(data[0])))
-        if near is not None:
+        some = self.table.within_reach(kept)
+        if len(some) < self.table.n_values:
+            points, offers, slopes, *others = data
+            kept, data = int(np.searchsorted(some, kept)), (points, offers[some], slopes[some], *others)
+        elif near is not None:
             begun = near.numbers, near.law, near.estimates
         numbers, shares, estimates, excess = solved_step(law, StepData(*data), int(kept), *begun)
+        numbers = some[numbers]
         # The barrier does not depend on the belief, so that it can be absorbed in the law.
         shares = shares * np.exp(stakes.barriers(estimates, self._barrier(stakes)) / self.price)
         return numbers, shares, estimates, float(excess)

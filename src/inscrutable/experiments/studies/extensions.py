@@ -6,6 +6,7 @@ with the rows says all that reading them needs, so that results are read without
 
 from __future__ import annotations
 
+import ast
 import inspect
 import json
 import re
@@ -51,7 +52,7 @@ class Extension:
         defaults: Parameters that it may set; a list of values is then swept where the default is a number, text or truth.
         meaning: The first line of its documentation.
         sign: 1 for a measure that grows with privacy, else 0.
-        sha256: Of the module's source.
+        sha256: Of its source, and of all in its module that it refers to.
         version: Of the module or its distribution; empty where neither says one.
     """
 
@@ -103,14 +104,14 @@ def from_text(text: str) -> tuple[Extension, ...]:
     return tuple(Extension(**each | {name: tuple(each[name]) for name in lists}) for each in json.loads(text))
 
 
-def checked_again(kept: tuple[Extension, ...], specs: Iterable[str]) -> None:
-    """Raise `InputError` unless the caller names the extensions that were kept, and none has changed."""
+def checked_again(kept: tuple[Extension, ...], specs: Iterable[str], plan: str) -> None:
+    """Raise `InputError` unless the caller names the extensions that were kept, and none that the plan (JSON) names changed."""
     now = {each.spec: each for each in extensions_of(specs)}
     if set(now) != {each.spec for each in kept}:
         want = [each.spec for each in kept]
         raise InputError(f"the study was begun with the extensions {want}; pass extensions={want}, got {list(now)}")
     for each in kept:
-        if each.sha256 != now[each.spec].sha256:
+        if f'"{each.name}"' in plan and each.sha256 != now[each.spec].sha256:
             raise InputError(
                 f"the source of {each.spec} has changed since the study was begun (SHA-256 {each.sha256[:12]}…, now "
                 f"{now[each.spec].sha256[:12]}…): its rows would not be of one kind; run into another folder"
@@ -131,7 +132,7 @@ def loaded(extension: Extension) -> Any:
 
 
 def _imported(spec: str) -> tuple[Any, str]:
-    """Return the object of a name, and the hash of its module's source."""
+    """Return the object of a name, and the hash of its source."""
     if not isinstance(spec, str) or not _SPEC.fullmatch(spec):
         raise InputError(f'an extension is written as "module:name", got {spec!r:.80}')
     place, _, name = spec.partition(":")
@@ -157,9 +158,37 @@ def _imported(spec: str) -> tuple[Any, str]:
     if source is None:
         raise InputError(f"the module {place} has no source file, by which a change could be seen")
     try:
-        return getattr(module, name), sha256(Path(source).read_bytes()).hexdigest()
-    except OSError as error:
-        raise InputError(f"the source of {place} cannot be read: {error.strerror}") from None
+        return getattr(module, name), sha256(_used(Path(source).read_text("utf-8"), name).encode()).hexdigest()
+    except (OSError, UnicodeDecodeError, SyntaxError) as error:
+        raise InputError(f"the source of {place} cannot be read: {error}") from None
+
+
+def _used(source: str, name: str) -> str:
+    """The statements of a module that define a name, or a name that these use, and so on; the whole source where none does.
+
+    Imports and statements that define no name count always: what they do may change every part.
+    """
+    statements = ast.parse(source).body
+    defined = [_defined(each) for each in statements]
+    known, kept = {name}, set[int]()
+    if not any(name in names for names in defined):
+        return source
+    while True:
+        more = {k for k, names in enumerate(defined) if k not in kept and (not names or names & known)}
+        if not more:
+            return "\n".join(ast.unparse(statements[k]) for k in sorted(kept))
+        kept |= more
+        known |= {node.id for k in more for node in ast.walk(statements[k]) if isinstance(node, ast.Name)}
+
+
+def _defined(statement: ast.stmt) -> set[str]:
+    """The names that a definition or an assignment binds; none for any other statement."""
+    if isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+        return {statement.name}
+    if not isinstance(statement, (ast.Assign, ast.AnnAssign)):
+        return set()
+    targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
+    return {node.id for target in targets for node in ast.walk(target) if isinstance(node, ast.Name)}
 
 
 def _described(spec: str) -> Extension:

@@ -32,6 +32,7 @@ from inscrutable.experiments.toml_lines import Place, TomlSource, nearest, read_
 
 _NEAR = 0.5
 _BY_NAME = ("decision_makers", "adversaries")
+_OWN = ", or a part of your own that --extension module:name gives"
 StudySource = TomlSource
 
 
@@ -94,12 +95,13 @@ def _said(
     if kind == "union_tag_invalid":
         names = [each.strip(" '") for each in str(context["expected_tags"]).split(",")]
         key = str(context["discriminator"]).strip("'")
-        where = source.at((*place, key))
-        return f"{where}: unknown {context['tag']!r}{nearest(str(context['tag']), names)}; {_one_of(names)}"
+        where, own = source.at((*place, key)), "" if extensions else _OWN
+        return f"{where}: unknown {context['tag']!r}{nearest(str(context['tag']), names)}; {_one_of(names)}{own}"
     if kind == "literal_error":
         names = [each.strip("' ") for each in str(context["expected"]).replace(" or ", ", ").split(",")]
         given = problem["input"]
-        return f"{where}: unknown {shortened(given)}{nearest(str(given), names)}; {_one_of(names)}"
+        own = _OWN if place[-1] == "kind" and not extensions else ""
+        return f"{where}: unknown {shortened(given)}{nearest(str(given), names)}; {_one_of(names)}{own}"
     return f"{where}: {_expected(problem)}, got {shortened(problem['input'])}"
 
 

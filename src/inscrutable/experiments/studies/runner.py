@@ -115,7 +115,7 @@ def run_study(
     own = list(extensions) if not isinstance(extensions, str) else extensions
     chosen = study if isinstance(study, Study) else Study.read(study, extensions=own)
     if isinstance(study, Study):
-        checked_again(study.extensions, own or [each.spec for each in study.extensions])
+        checked_again(study.extensions, own or [each.spec for each in study.extensions], study.plan.model_dump_json())
     execute = executor(jobs, cluster)
     folder = output_folder(out)
     with locked(folder):
@@ -179,7 +179,8 @@ def resume_study(
     """
     execute = executor(jobs, cluster)
     place = path_of(folder, "a study's folder")
-    checked_again(Study.load(place).extensions, extensions)
+    begun = Study.load(place)
+    checked_again(begun.extensions, extensions, begun.plan.model_dump_json())
     with closing(opened(place)):
         pass  # say what is wrong with it before anything is written
     with locked(place), closing(opened(place, writable=True)) as store:

@@ -15,6 +15,7 @@ from inscrutable.kernels.copies import put, put_descending
 from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.options import inlined, integer, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.region_climb import (
+    Ascents,
     ClimbRoom,
     Climbs,
     Spots,
@@ -93,6 +94,9 @@ class Explored(NamedTuple):
     is_known: Any  # (T,C) whether lines through the region's cheapest decision were looked at
     n_tried: Any  # (T,)
     tried: Any  # (T,Q)
+    n_ascents: Any  # (T,1)
+    ascent_region: Any  # (T,N) where the last ascents began and ended
+    ascent_place: Any  # (T,N,M)
 
 
 class Turn(NamedTuple):
@@ -464,7 +468,8 @@ def search_regions(
             if aim.sign > 0.0:
                 # No set is farther than its members: regions whose decoys are not worth as much are left out.
                 floor = _top(reached, t, 0)
-                search_sets(count, climbs, aim, floor, regions, rules, spots, turn.climb)
+                ascents = Ascents(reached.n_ascents[t], reached.ascent_region[t], reached.ascent_place[t])
+                search_sets(count, climbs, aim, floor, regions, rules, (spots, ascents), turn.climb)
             for j in range(count):
                 number = climbs.region[j]
                 orthant = 0 if regions.is_point[number] else _orthant(spots.far[j], aim.point)

@@ -86,7 +86,7 @@ class SequentialDecisionMaker(Described):
     Cost: some milliseconds a step for 500 beliefs and 500 candidates. The calibration simulates some thousand steps: half a
     minute to a minute, or ten seconds where information alone counts. With a rival of infinitely many answers, such as one with
     a portfolio, and a finite `information_price`, a step takes some 50 to 200 ms for 136 beliefs and 497 decisions, more at
-    smaller prices, and the calibration ten minutes or more. Save `calibration`, and pass it the next time.
+    smaller prices, and the calibration takes thousands of steps. Save `calibration`, and pass it the next time.
 
     Source: Tanaka, Esfahani, Mitter, LQG control with minimum directed information (2018), and Kamenica and Gentzkow, Bayesian
     persuasion (2011), for one step.

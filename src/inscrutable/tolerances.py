@@ -391,6 +391,23 @@ ANSWER_BARRIER = 1e-6
 step is then optimal for a slightly different loss, and the mixture after every decision is unique. Against cone programmes it
 falls short by up to eight times this; with a tenth of it a constant decision cannot be told from nearly constant ones."""
 
+CURVATURE_STEP = 1e-5
+"""Share of the way to a sure state over which a difference of a rival's costs is its curvature: a solution's 1e-12 over it is
+1e-7, and steps with a curvature of another piece only take a few more rounds."""
+
+NEW_DECISION = 1e-3
+"""Probability with which a decision enters a step before its law is solved."""
+
+SEEN_DECISION = 1e-4
+"""Least probability of a decision in the second derivatives of a step: one that is not played may be so after the step, and
+without it Newton's steps alternate between decisions that are nearly alike."""
+
+LEAST_FALL = 1e-4
+"""Share of the fall along its slope that a step of a line search must attain: the usual one of Armijo's rule."""
+
+SHORTEST_STEP = 1e-6
+"""Share of Newton's step below which a line search counts as failed."""
+
 HARDLY_MIXED = 1e-3
 """Share of a rival's answer in a mixture of its answers below which the mixture does as well without it."""
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.kernels.faces import solve_factored
-from inscrutable.kernels.options import fused, inlined, integer, internal, summed
+from inscrutable.kernels.options import fused, inlined, integer, internal, kernel, summed
 from inscrutable.kernels.sequential_estimates import StepData, longest, own_cost, own_curve, own_slope
 
 _SOLVED, _RESIDUAL = tolerances.SOLVED_STEP, tolerances.LAW_RESIDUAL
@@ -302,6 +302,12 @@ def saddle_value(weights: Any, data: StepData, price: float, columns: Any, point
     for b in range(weights.size):
         value += weights[b] * point.top[b]
     return value
+
+
+@kernel
+def law_of(weights: Any, data: StepData, point: Point) -> float:
+    """Φ of decisions whose values v / λ (n,B) count all that the observer loses (d = 0), with the law that attains it."""
+    return float(saddle_value(weights, data, 1.0, np.arange(len(data.values)), point))
 
 
 @summed

@@ -107,6 +107,10 @@ class LeastWorth(ToldAim):
         self._likely = np.vstack([mean[None], np.eye(n_states), 0.5 * np.eye(n_states) + 0.5 * mean])
         spread = float(game.weights @ self._before[:, 0])
         largest = float(np.abs(self._before - self._lost(game, self._likely)).max())
+        if largest <= tolerances.NO_ERROR * float(
+            np.abs(loss.least(game.beliefs)).max()
+        ):  # one answer suits every belief
+            spread = largest = 0.0
         super().__init__(max(spread, tolerances.LEAST_SPREAD * largest) or 1.0, spread)
 
     def _lost(self, game: PlayedGame, means: Array) -> Array:

@@ -112,7 +112,8 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
     @property
     def gap(self) -> float:
         """(bound − value) / bound, both counted from the loss at the known belief; zero where the bound is."""
-        none = tolerances.NO_ERROR * self._found.prior_error
+        # Where the belief is worth nothing to the rival all of them are equal to rounding.
+        none = tolerances.NO_ERROR * max(self._found.prior_error, abs(self._found.least))
         short = self.bound - self.value
         return 0.0 if short <= none else short / (self.bound - self._found.least)
 

@@ -77,6 +77,14 @@ class RivalAnswers:
         known = self if shares is None else self.mixed(shares, self)  # near ones make Newton's steps stall
         return replace(self, costs=_different(known.costs, costs[missing]))
 
+    def answering(self, beliefs: Array) -> tuple[Self, Array]:
+        """Return the permanent answers with the best ones to beliefs (…,X), and the shares (…,A−1) of each that are all its."""
+        flat, kept = beliefs.reshape(-1, beliefs.shape[-1]), np.append(np.arange(self.n_first), -1)
+        costs = np.asarray(self.rival.state_costs(self.rival.solve(flat))).T
+        first = self.costs[:, kept]
+        shares = np.eye(self.n_first + len(flat))[self.n_first :].reshape(*beliefs.shape[:-1], -1)
+        return replace(self, costs=np.hstack([first[:, :-1], costs, first[:, -1:]])), shares
+
     def mixed(self, shares: Array, first: Self) -> Self:
         """Return the permanent answers of `first`, and these added answers that have a probability in `shares` (…,A−1)."""
         place = np.arange(self.costs.shape[1] - 1)

@@ -64,8 +64,9 @@ class SequentialDecisionMaker(Described):
         candidates: Decisions to choose from; None is about 500 decoys and the cheapest constant decision. Where they cannot
             meet the budget or the cap, the optimal decisions of the chain's beliefs are added.
         loss: The observer's loss: the square error of its estimate of the belief, `SquaredError()` or None; or that of a
-            rival, `NamingError()` or `RivalProblem(problem)`. For a rival with infinitely many answers each step starts with a
-            few and adds its best answers to the decisions until none saves a millionth of the prior loss.
+            rival, `NamingError()` or `RivalProblem(problem)`. For a rival with infinitely many answers each step is solved by
+            Newton's method in the beliefs that it acts on, or, where its best answer jumps, with a few answers to which its
+            best ones are added until none saves a millionth of the prior loss.
         information_price: λ, in loss per nat; infinite where information alone counts; None: the best of several. A price
             below a thousandth of the prior loss is raised to that.
         worst_regret: A cap on the regret of every single decision, as a share of |c*(π)| or a `Budget`; None is no cap.
@@ -87,9 +88,9 @@ class SequentialDecisionMaker(Described):
         SolverError: At first use: no price was found at which the budget is met, or a step was not solved to its gap.
 
     Cost: some milliseconds a step for 500 beliefs and 500 candidates. The calibration simulates some thousand steps: half a
-    minute to a minute, or ten seconds where information alone counts. With a rival of infinitely many answers and a finite
-    `information_price`, a step takes some 10 ms for ten beliefs and five decisions, and five to eight seconds for 91 beliefs
-    and 66 decisions. Save `calibration`, and pass it the next time.
+    minute to a minute, or ten seconds where information alone counts. With a rival of infinitely many answers, such as one with
+    a portfolio, and a finite `information_price`, a step takes some 50 to 200 ms for 136 beliefs and 497 decisions, more at
+    smaller prices, and the calibration takes thousands of steps. Save `calibration`, and pass it the next time.
 
     Source: Tanaka, Esfahani, Mitter, LQG control with minimum directed information (2018), and Kamenica and Gentzkow, Bayesian
     persuasion (2011), for one step.

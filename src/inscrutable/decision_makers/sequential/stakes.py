@@ -112,6 +112,12 @@ class Stakes:
         found = None if self.rival is None else self.rival.joined(law[:, None], least)
         return self if found is None else self._with(found.begun())
 
+    def answering(self, beliefs: Array) -> tuple[Self, Array]:
+        """Return the same with a rival's answers to beliefs (n,J,X) after n decisions, and these as estimates (n,d)."""
+        assert self.rival is not None
+        found, own = self.rival.answering(beliefs)
+        return self._with(found), own.reshape(len(beliefs), -1)
+
     def mixed(self, estimates: Array, first: Stakes) -> Stakes:
         """Return the first stakes with the rival's answers of these that have a probability in estimates (n,d)."""
         if self.rival is None or first.rival is None:

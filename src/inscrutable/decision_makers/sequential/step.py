@@ -14,6 +14,7 @@ from inscrutable import tolerances
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.aware.columns import Columns, allowed_places
 from inscrutable.decision_makers.sequential.seen import Classes, classes_of
+from inscrutable.decision_makers.sequential.smooth_rival import ActedOn, SmoothRival
 from inscrutable.decision_makers.sequential.stakes import Stakes, stakes_of
 from inscrutable.errors import SolverError
 from inscrutable.mechanisms import Mechanism, Prior
@@ -248,6 +249,9 @@ class StepRule:
             solved = stakes, found, rows, self._gap(law, stakes, rows, found[1:])
             # A barrier leaves decisions some 1e-9 of the mass: they would be drawn once in a while, and leak.
             return self._kept(law, kept, solved) if stakes.width and not self._informs_only else solved
+        smooth = self._smoothly(law, kept, near)
+        if smooth[-1] <= tolerances.STEP_GAP * self.table.unit:
+            return self._kept(law, kept, smooth)
         least = tolerances.MISSING_ANSWER * self.table.unit
         if near is not None:
             stakes = near.stakes.mixed(near.estimates, stakes)
@@ -267,6 +271,46 @@ class StepRule:
             more = stakes.joined(law[:, None] * rows, least, found[2] if is_nearer else None)
         assert best is not None
         return self._kept(law, kept, best)
+
+    def _smoothly(self, law: Array, kept: int, near: Step | None) -> tuple[Stakes, _Found, Array, float]:
+        """The same by Newton's steps in the beliefs that the rival acts on, for one whose best answer moves with its belief.
+
+        It starts from the step of a similar law, or of the prior.
+        """
+        rule = self._smooth_rival
+        start = self._at_prior if near is None else rule.similar(law, near.numbers, near.rows)
+        found = rule.solved(law, self._constant(law, kept), start, self._first_price)
+        stakes, estimates = self.table.stakes.answering(found.beliefs)
+        rows = self._rows(stakes, stakes.points, *self._at(found.numbers), (found.law, estimates))
+        solved = found.numbers, found.law, estimates, found.excess
+        return stakes, solved, rows, self._gap(law, stakes, rows, solved[1:])
+
+    @cached_property
+    def _smooth_rival(self) -> SmoothRival:
+        answers = self.table.stakes.rival
+        assert answers is not None
+        offers = self._values(self.table.regrets, self.table.allowed).T / self.price
+        return SmoothRival(answers.rival, answers.expected, np.ascontiguousarray(offers), self.price)
+
+    @cached_property
+    def _at_prior(self) -> ActedOn:
+        """The step under the prior, from which others start."""
+        law = self.table.prior.weights
+        return self._smooth_rival.solved(law, self._constant(law, -1), None, self._first_price)
+
+    def _constant(self, law: Array, kept: int) -> np.ndarray:
+        """The decision of least mean regret, `kept` if that costs the same; more where caps forbid it to some beliefs."""
+        regrets, found = self.table.regrets, list[int]()
+        allowed = np.ones(regrets.shape, dtype=bool) if self.table.allowed is None else self.table.allowed
+        left = np.asarray(law) > 0
+        while left.any():
+            reach = law[left] @ allowed[left]
+            far = np.flatnonzero(reach >= reach.max() * (1.0 - tolerances.RETURNING_LAW))
+            means = law[left] @ np.where(allowed[left], regrets[left], 0.0)[:, far]
+            tied = kept in far and means[far == kept][0] <= means.min() + tolerances.LAW_RESIDUAL * abs(means).max()
+            found.append(kept if tied else int(far[means.argmin()]))
+            left &= ~allowed[:, found[-1]]
+        return np.array(found)
 
     def _kept(
         self, law: Array, kept: int, solved: tuple[Stakes, _Found, Array, float]

@@ -335,7 +335,7 @@ def test_public_observations_against_a_cone_programme() -> None:
     value = solved(cp.Maximize(cp.log_det(inner) + cp.log_det(read)), rows)
     bits = 0.5 * (np.linalg.slogdet(joint)[1] - value) / np.log(2.0)
     assert maker.bits == pytest.approx(bits, abs=2e-4)
-    assert maker.bits <= bits + 1e-6
+    assert maker.bits <= bits + 5e-6  # the cone solver's point violates its cones by some 1e-6
     assert maker.gap <= 1e-6
     kept = AlphaDecisionMaker(problem_of(theta), 0.4, world=world, objective="error")
     most = solved(cp.Maximize(cp.trace(error)), [rows[1], rows[2]])

@@ -13,9 +13,9 @@ CLOSE = 2e-6  # the oracle leaves 1e-7 of the limit unspent
 SHARE = 0.3
 
 
-def best_of(market, belief, limit, seed=0):
+def best_of(market, belief, limit, seed=0, seconds=SECONDS):
     rng = np.random.default_rng(seed)
-    return multistart.best_by_multistart(*market, belief, limit, seconds=SECONDS, rng=rng)
+    return multistart.best_by_multistart(*market, belief, limit, seconds=seconds, rng=rng)
 
 
 def distance_by_vertices(market, belief, action):
@@ -28,7 +28,7 @@ def distance_by_vertices(market, belief, action):
 def test_it_reaches_the_proven_optimum(name):
     case = CASES[name]
     proven, _, bound = optimum.global_cdm(case.market, case.belief, case.budget, case.min_slack)
-    best = best_of(case.market, case.belief, case.budget)
+    best = best_of(case.market, case.belief, case.budget, seconds=1.0)  # on a loaded machine 0.3 may end before a climb
     assert best.privacy == pytest.approx(proven, abs=CLOSE)
     assert best.privacy <= bound + CLOSE
 

@@ -112,7 +112,7 @@ def test_the_summary_names_the_ceiling_and_a_belief_off_the_grid(small) -> None:
     model, _, state, begun = small
     assert begun.is_off_grid
     assert f"not one of the grid's {begun.n_beliefs}" in begun.summary()
-    assert f"of at most {begun.ceiling:.3f}, on a grid of {begun.n_beliefs} beliefs" in begun.summary()
+    assert f"the ceiling is {begun.ceiling:.3f}, on a grid of {begun.n_beliefs} beliefs" in begun.summary()
     assert begun.long_run_error <= 1.02 * begun.ceiling <= 1.02 * begun.prior_error
     on_grid = protect_step(model, protect_sequence.chain_of(model).prior.beliefs[0], state)
     assert not on_grid.is_off_grid

@@ -145,7 +145,7 @@ def protect_alphas(
         >>> from inscrutable import AlphaProblem
         >>> maker = AlphaDecisionMaker(AlphaProblem([[0.04]], 2.5), 0.25, prior_covariance=[[4e-4]])
         >>> found = protect_alphas(maker, pd.DataFrame([[0.02]]), rng=np.random.default_rng(0))
-        >>> found.n_published, round(found.told, 6)
+        >>> len(found.decisions), round(found.told, 6)
         (1, 1.0)
     """
     source = np.random.default_rng() if rng is None else validation.generator(rng)

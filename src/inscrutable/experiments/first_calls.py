@@ -31,6 +31,8 @@ from inscrutable.privacy import (
     NonExistence,
     NonUniqueness,
     PrivacyMeasure,
+    RivalProblem,
+    SquaredError,
 )
 from inscrutable.problems import FiniteProblem, MarkowitzProblem
 from inscrutable.validation import Array
@@ -89,7 +91,11 @@ def _worlds() -> None:
     chain = resting_chain(Prior(np.eye(n_states), np.full(n_states, 1.0 / n_states)), _STAYS)
     prices = PriceCalibration.at(1.0, 1.0)
     problem = FiniteProblem(1.0 - np.eye(n_states))
-    SequentialDecisionMaker(problem, _BUDGET, chain=chain, calibration=prices, rng=rng).mechanism_for(chain.prior)
+    rival = RivalProblem(MarkowitzProblem(np.eye(n_states), np.tile(np.eye(n_states), (n_states, 1, 1)), 1.0))
+    for loss in (SquaredError(), rival):
+        SequentialDecisionMaker(problem, _BUDGET, chain=chain, calibration=prices, loss=loss, rng=rng).mechanism_for(
+            chain.prior
+        )
 
 
 def _market(rng: np.random.Generator) -> tuple[MarkowitzProblem, Array]:

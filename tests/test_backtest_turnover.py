@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from itertools import product
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from inscrutable.experiments.attack import attack_weights
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.own_model import LimitsPart, OwnModel
-from inscrutable.reports.backtest import text_of
+from inscrutable.reports.backtest import text_of, write_backtest
 from small_runs import short_simulations
 
 LIMIT = 0.08
@@ -73,7 +74,8 @@ def test_an_observer_reads_it_with_the_model_that_is_kept(found: Backtest, tmp_p
     assert "no aware observer is modelled" in text_of(found)
 
 
-def test_the_sequential_rule_keeps_the_limit_and_its_observer_follows_it() -> None:
+@pytest.mark.usefixtures("undrawn")
+def test_the_sequential_rule_keeps_the_limit_and_its_observer_follows_it(tmp_path: Path) -> None:
     with short_simulations():
         found = backtest(0.6, sequential=True)
     weights, record = found.weights("SDM").to_numpy(), found.episode.records["SDM"]
@@ -88,6 +90,8 @@ def test_the_sequential_rule_keeps_the_limit_and_its_observer_follows_it() -> No
     assert np.isnan(found.followed_estimates("PDM").to_numpy()).all()
     assert "except that of the SDM" in text_of(found)
     assert found.aware is None
+    write_backtest(found, tmp_path)
+    assert json.loads((tmp_path / "summary.json").read_text())["verdict"]
 
 
 def test_what_a_limit_on_turnover_does_not_go_with() -> None:

@@ -179,7 +179,7 @@ def _ceilings(result: Backtest) -> list[str]:
 
 def _other_draws(result: Backtest) -> list[str]:
     """Return a line on the other draws in which the sequential rule hides the belief; none if it does in all."""
-    if result.sequential is None or not result.sequential.others:
+    if result.aware is None or result.sequential is None or not result.sequential.others:
         return []
     asked, beliefs, others = _asked(result), result.beliefs.to_numpy(), result.sequential.others
     if asked.is_met(_SEEN["aware"].reached("ODM", result.figures[result.names[0]])):

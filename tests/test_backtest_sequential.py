@@ -200,7 +200,7 @@ def test_a_budget_of_its_own_none_and_what_it_is_not_played_for(monkeypatch: pyt
     returns = market().iloc[: TRAINING + 6]
     given = run_backtest(returns, replace(SETTINGS, budget=Budget.regret(1e-4)), restarts=1)
     assert given.sequential is not None
-    assert given.sequential.maker.limit == pytest.approx(1e-4, rel=1e-12)
+    assert given.sequential.maker.limit == 1e-4
     assert not any("silence regret, in the long run" in each for each in limits(given))
     assert run_backtest(returns, replace(SETTINGS, budget=Budget.regret(0.0)), restarts=1).sequential is None
     steps = replace(SETTINGS, measure=DesiredObfuscation(np.tile([0.3, 0.7], (6, 1))))

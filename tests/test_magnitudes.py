@@ -47,13 +47,28 @@ def by_clarabel(problem, belief, extra):
     return u.value
 
 
-def check_decision(problem, belief, action, extra):
-    """A decision is feasible, Clarabel's to 1e-8 or no costlier: costs to 1e-13 tell flat decisions apart to 1e-6 only."""
-    expected = by_clarabel(problem, belief, extra)
-    dearer = belief @ (problem.state_costs(action) - problem.state_costs(expected))
-    assert problem.constraints.violation(action) <= 1e-9
-    off = np.abs(action - expected).max()
-    assert off <= 1e-8 or (off <= 1e-6 and dearer <= 0.0)
+def polished(problem, belief, near, limits, floors, sums):
+    """Clarabel's decision with the rows and bends on which it lies as equations: costs to 1e-13 tell flat decisions apart to
+    1e-6 only."""
+    size, close = near.size, 1e-6
+    met = [(center, most) for center, most in limits if np.abs(near - center).sum() >= most - close]
+    bends = np.array([*floors, *(center for center, _ in met), np.full(size, np.inf)])
+    nearest = bends[np.abs(bends - near).argmin(axis=0), np.arange(size)]  # two bends may be closer than Clarabel is
+    is_held = np.abs(nearest - near) <= close
+    rows, sides = list(np.eye(size)[is_held]), list(nearest[is_held])
+    for center, most in met:
+        signs = np.where(is_held, np.sign(nearest - center), np.sign(near - center))
+        rows.append(signs)
+        sides.append(most + signs @ center)
+    for total in sums:
+        if abs(near.sum() - total) <= close:
+            rows.append(np.ones(size))
+            sides.append(total)
+    held, bent = np.array(rows), 2.0 * problem.risk_aversion * np.tensordot(belief, problem.covariances, 1)
+    system = np.block([[bent, held.T], [held, np.zeros((len(held), len(held)))]])
+    found = np.linalg.lstsq(system, np.concatenate([belief @ problem.means, sides]), rcond=1e-13)[0][:size]
+    assert np.abs(found - near).max() <= 10 * close
+    return found
 
 
 def lifted_bounds(problem, action, limits, *, floors, sums):
@@ -144,7 +159,11 @@ def test_decisions_and_observers_of_many_assets(which, fresh_rng):
 
     for belief in rng.dirichlet(np.ones(3), 3):
         action = problem.solve(belief)
-        check_decision(problem, belief, action, extra)
+        near = by_clarabel(problem, belief, extra)
+        expected = polished(
+            problem, belief, near, limits, [0.0 * each for each in floors], [1.0] if is_net else [0.2, 1.1]
+        )
+        np.testing.assert_allclose(action, expected, atol=1e-8)
         assert consistent_beliefs(problem, action).contains(belief)
         if is_net:
             bounds = lifted_bounds(problem, action, limits, floors=floors, sums=True)
@@ -195,7 +214,8 @@ def test_what_is_hidden_under_lifted_limits_is_proved(seed, fresh_rng):
         assert proved.privacy >= plain.privacy - 5e-3  # a proof may lead to a better one
         assert second.constraints.is_admissible(proved.action)
         lotteries = [ProbabilisticDecisionMaker(each, budget=0.2).decide(belief) for each in (first, second)]
-        assert lotteries[1].expected_privacy >= lotteries[0].expected_privacy - 2e-2
+        # Of the same set, the lifted form finds more where rows are many: .3200 for .2987 at the kept seed.
+        assert lotteries[1].expected_privacy >= lotteries[0].expected_privacy - 5e-3
 
 
 def test_linear_costs_and_trading_costs_under_lifted_limits(fresh_rng):

@@ -167,7 +167,7 @@ class SequentialDecisionMaker(Described):
         asked = self.worst_regret, self.disclosure, self.loss, self.turnover
         table = step_table(self.chain, columns, *asked)
         regrets = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
-        least, limit = regrets.min(axis=1), float(prior.weights @ self.budget.limits(table.optimal_costs))
+        least, limit = regrets.min(axis=1), self._limit_in(table)
         if not (np.isfinite(least).all() and float(prior.weights @ least) <= limit * table.period):
             table = step_table(self.chain, columns.joined(prior.beliefs), *asked)
         return table
@@ -175,7 +175,13 @@ class SequentialDecisionMaker(Described):
     @property
     def limit(self) -> float:
         """The budget as a mean regret, in the cost's unit."""
-        return float(self.chain.prior.weights @ self.budget.limits(self.table.optimal_costs))
+        return self._limit_in(self.table)
+
+    def _limit_in(self, table: StepTable) -> float:
+        """The mean of the beliefs' limits; one that is the same for all beliefs is kept to the last digit."""
+        limits = self.budget.limits(table.optimal_costs)
+        least = limits.min()
+        return float(least + self.chain.prior.weights @ (limits - least))
 
     @property
     def calibration(self) -> PriceCalibration:

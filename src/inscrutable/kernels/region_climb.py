@@ -26,7 +26,8 @@ _IMPOSSIBLE = 1e-5  # a probability that counts as zero on a boundary: climbs le
 _NO_ROUNDS = integer(0)
 _SAME = 1e-6
 """An ascent that starts this near to where another one of the same belief and region began or ended is left out: a third of
-all over six states and four assets, and 30 % of the time. Of 2,160 decisions and as many lotteries none moves by 1e-7."""
+all over six states and four assets. Lotteries there take 15 % less time, and 24 % with three assets; of 2,160 decisions and as
+many lotteries none moves by 1e-7."""
 _STARTS = 2  # ends of lines from which a set's slopes are followed, besides the best decision so far
 
 

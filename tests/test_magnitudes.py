@@ -16,6 +16,7 @@ from inscrutable import (
     MarkowitzProblem,
     ModelError,
     ProbabilisticDecisionMaker,
+    box,
     consistent_beliefs,
     explain_action,
     long_short,
@@ -85,7 +86,9 @@ def lifted_bounds(problem, action, limits, *, floors, sums):
         if most - np.abs(action - center).sum() >= slack:
             continue
         moved = action - center
-        bend = np.flatnonzero(np.abs(moved) < slack)
+        # A bend nearer to a floor than the least slack: the decision is at one of the two, the nearer one.
+        at_floor = [np.abs(action - low) < np.abs(moved) - 1e-9 for low in floors]
+        bend = np.flatnonzero((np.abs(moved) < slack) & ~np.any(at_floor, axis=0))
         signs = np.sign(moved)
         signs[bend] = 0.0
         columns += [signs[:, None], np.eye(size)[:, bend]]
@@ -94,7 +97,8 @@ def lifted_bounds(problem, action, limits, *, floors, sums):
             rules += [(place, place + 1 + k, 1.0), (place, place + 1 + k, -1.0)]
         place += 1 + bend.size
     for low in floors:
-        held = np.flatnonzero(action - low < slack)
+        at_bend = [np.abs(action - center) < np.abs(action - low) - 1e-9 for center, _ in limits]
+        held = np.flatnonzero((action - low < slack) & ~np.any(at_bend, axis=0))
         columns.append(-np.eye(size)[:, held])
         bounds += [(0, None)] * held.size
         place += held.size
@@ -278,7 +282,8 @@ def test_norms_and_variables_of_their_own_from_cvxpy(size, which, fresh_rng):
     from inscrutable import ConvexProblem
 
     rng = fresh_rng
-    previous, belief = rng.dirichlet(np.ones(size)), rng.dirichlet(np.ones(2))
+    # No weight is so large that the caps would ask for more trading than is allowed.
+    previous, belief = 0.6 * rng.dirichlet(np.ones(size)) + 0.4 / size, rng.dirichlet(np.ones(2))
     means, covariances = market(size, 2, rng)
     u = cp.Variable(size)
     given = [cp.sum(u) == 1, *constraint_lists(u, previous)[which]]
@@ -289,6 +294,20 @@ def test_norms_and_variables_of_their_own_from_cvxpy(size, which, fresh_rng):
     np.testing.assert_allclose(action, u.value, atol=1e-8)
     assert consistent_beliefs(problem, action).contains(belief)
     assert problem.constraints.needs_lift
+
+
+@pytest.mark.parametrize("size", [6, 12])
+def test_a_limit_that_a_cap_breaks_is_named_with_the_cap(size):
+    """A weight of .8 under a cap of .5: .3 is sold and bought, where .4 in all may be traded."""
+    previous = np.full(size, 0.2 / (size - 1))
+    previous[0] = 0.8
+    capped = simplex(size) & box(np.zeros(size), np.full(size, 0.5))
+    found = (capped & turnover(previous, 0.4)).conflict()
+    assert dict(zip(found.names, found.amounts, strict=True)) == pytest.approx(
+        {"turnover <= 0.4": 0.2, "u[0] <= 0.5": 0.1, "sum(u) = 1": 0.2}
+    )
+    assert (found.relaxed, found.relaxations) == (("turnover <= 0.4",), pytest.approx((0.2,)))
+    assert (capped & turnover(previous, 0.6 + 1e-9)).conflict() is None
 
 
 def test_what_cannot_be_lifted_is_named():

@@ -20,7 +20,7 @@ from inscrutable import tolerances
 from inscrutable.axes import Axis
 from inscrutable.errors import ModelError
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
-from inscrutable.problems.conflicts import RowConflict
+from inscrutable.problems.conflicts import RowConflict, row_conflict
 from inscrutable.problems.constraints import Polyhedron
 from inscrutable.problems.segments import MagnitudeLimit, Segments
 from inscrutable.validation import Array
@@ -150,8 +150,14 @@ class MagnitudeRegion(Polyhedron):
         )
         over = answer.x[region.n_actions :]
         short = [k for k, limit in enumerate(self.limits) if over[k] > tolerances.FEASIBILITY * limit.weights.max()]
+        if not short:
+            return None
         names, amounts = tuple(self.limits[k].name for k in short), tuple(float(over[k]) for k in short)
-        return RowConflict(names, amounts, names, amounts) if short else None
+        found = row_conflict(Rows(region.A_ub, region.b_ub), Rows(region.A_eq, region.b_eq), region.names)
+        parts = {} if found is None else dict(zip(found.names, found.amounts, strict=True))
+        own = {name: by for name, by in parts.items() if name not in self.segments.inner_names}
+        own = own or dict(zip(names, amounts, strict=True))
+        return RowConflict(tuple(own), tuple(own.values()), names, amounts)
 
     @cached_property
     def bounding_box(self) -> Array:

@@ -178,6 +178,14 @@ class Segments:
             min_slack=region.min_slack,
         )
 
+    @property
+    def inner_names(self) -> frozenset[str]:
+        """The names of rows of `feasible` that are no rows of the decision: breakpoints, and the definition of each limit."""
+        low, high = self._names()
+        inner = [low[k] for k in np.flatnonzero(self._kind != _PLAIN)]
+        inner += [high[k] for k in np.flatnonzero(self._kind == _BETWEEN)]
+        return frozenset([*inner, *(f"{limit.name}, in full" for limit in self.limits)])
+
     def _names(self) -> tuple[list[str], list[str]]:
         """The meaning of a variable at its lower and at its upper bound, for the decision."""
         labels = [f"u[{j}]" for j in range(self.region.n_actions)]

@@ -88,9 +88,8 @@ def test_slope_and_curvature_of_a_sets_distance(n_states: int, n_assets: int, fr
             half_square(place)
             active = room.active[: free + face.n_set_rows].copy()  # noqa: B023
             slope, hessian = np.zeros(size), np.zeros((size, size))  # noqa: B023
-            at, out = (np.append(place, 1.0), nearest), (slope, hessian)  # noqa: B023
-            memory = face_ascent.model_room.py_func(free, n_states - 1)
-            set_distance_model(rows, case.aim.point, rules.basis, at, active, out, memory)  # noqa: B023
+            w = np.append(place, 1.0)
+            set_distance_model(rows, case.aim.point, rules.basis, w, nearest, active, slope, hessian)  # noqa: B023
             return slope[:free], hessian[:free, :free], active
 
         place = case.w[:-1]

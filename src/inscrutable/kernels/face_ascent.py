@@ -11,7 +11,7 @@ A step moves v and a member of the set together, so that decisions that no belie
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from inscrutable.kernels.climb import SHORTER, SHORTEST, largest_in, quadratic_s
 from inscrutable.kernels.copies import put
 from inscrutable.kernels.faces import cholesky, row_value, solve_factored
 from inscrutable.kernels.options import inlined, integer, internal
-from inscrutable.kernels.projection import at_unit_length, project_in
+from inscrutable.kernels.projection import at_unit_length, project
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 
 _NONE = integer(0)
@@ -36,40 +36,16 @@ the value: half to two thirds of all trials gain less."""
 _EASE = 0.01  # unit of the member's coordinates: it follows a decision almost for free
 
 
-class ModelRoom(NamedTuple):
-    """Memory of a model of the distance in k coordinates of decisions and n of beliefs; the cost's model is a result."""
-
-    cost_slope: Any  # (k,)
-    cost_hessian: Any  # (k,k)
-    normals: Any  # (n,n) rows of A
-    moves: Any  # (n,k) rows of J
-    twist: Any  # (k,n) E
-    gram: Any  # (n,n)
-    eta: Any  # (n,)
-    column: Any  # (n,)
-    chosen: Any  # (n,) numbers of the active rows
-
-
-@internal
-def model_room(k: int, n: int) -> ModelRoom:
-    """Return memory for models."""
-    return ModelRoom(
-        np.empty(k), np.empty((k, k)), np.empty((n, n)), np.empty((n, k)), np.empty((k, n)), np.empty((n, n)),
-        np.empty(n), np.empty(n), np.empty(n, dtype=np.int64),
-    )  # fmt: skip
-
-
 @inlined
-def set_distance_model(rows: Any, point: Any, basis: Any, place: Any, active: Any, out: Any, room: Any) -> None:
-    """Fill ∂φ/∂v and ∂²φ/∂v² in the first k coordinates; `rows` (m, X, k+1) with equalities first, `active` says which hold.
-
-    place: (w, z); out: (slope, Hessian); room: `ModelRoom`.
-    """
-    (w, z), (slope, hessian) = place, out
-    _, _, normals, moves, twist, gram, eta, column, chosen = room
+def set_distance_model(
+    rows: Any, point: Any, basis: Any, w: Any, z: Any, active: Any, slope: Any, hessian: Any
+) -> None:
+    """Fill ∂φ/∂v and ∂²φ/∂v² in the first k coordinates; `rows` (m, X, k+1) with equalities first, `active` says which hold."""
     n_states, n = basis.shape
     k = w.size - 1
-    normals[:], moves[:], twist[:], eta[:] = 0.0, 0.0, 0.0, 0.0
+    normals, moves = np.zeros((n, n)), np.zeros((n, k))
+    chosen = np.empty(n, dtype=np.int64)
+    gram, eta = np.empty((n, n)), np.zeros(n)
     q = _NONE
     for r in range(active.size):
         if not active[r] or q == n:
@@ -98,12 +74,14 @@ def set_distance_model(rows: Any, point: Any, basis: Any, place: Any, active: An
     if not cholesky(gram, q, 1e-13):
         return
     solve_factored(gram, q, eta)
+    twist = np.zeros((k, n))
     for r in range(q):
         for a in range(k):
             slope[a] -= eta[r] * moves[r, a]
             for c in range(n):
                 for i in range(n_states):
                     twist[a, c] += eta[r] * rows[chosen[r], i, a] * basis[i, c]
+    column = np.empty(n)
     for a in range(k):
         for r in range(q):
             for c in range(n):
@@ -161,15 +139,14 @@ def _write_rows(rows: Any, basis: Any, place: Any, cost_slope: Any, left: float,
 
 
 @inlined
-def _pull(curves: Any, rows: Any, aim: Any, rules: Any, turns: int, place: Any, lines: Any, room: Any) -> bool:
-    """Move (v, z) onto the rows and the budget by Newton steps; False where that fails.
-
-    room: (step (k+n,), `StepRoom`, `ModelRoom`), of no use afterwards.
-    """
-    (w, z), (units, sides, _), (step, memory, model) = place, lines, room
+def _pull(curves: Any, rows: Any, aim: Any, rules: Any, turns: int, place: Any, lines: Any) -> bool:
+    """Move (v, z) onto the rows and the budget by Newton steps; False where that fails."""
+    (w, z), (units, sides, _) = place, lines
     n_states, n = rules.basis.shape
     k = w.size - 1
     m = rows.shape[0]
+    slope, bend = np.empty(k), np.empty((k, k))
+    step, multipliers = np.empty(k + n), np.empty(units.shape[0])
     for turn in range(turns + 1):
         left = aim.limit - cost_at(curves, aim.belief, w) + aim.optimal_cost
         worst = -left / aim.limit if aim.limit < np.inf else 0.0
@@ -180,10 +157,10 @@ def _pull(curves: Any, rows: Any, aim: Any, rules: Any, turns: int, place: Any, 
             return True
         if turn == turns:
             return False
-        cost_model(curves, aim.belief, w, model.cost_slope, model.cost_hessian)
-        _write_rows(rows, rules.basis, place, model.cost_slope, left, lines)
+        cost_model(curves, aim.belief, w, slope, bend)
+        _write_rows(rows, rules.basis, place, slope, left, lines)
         step[:] = 0.0
-        if not project_in(units, sides, sides.size, k, 0.01 * rules.near, step, memory.moved, memory.projection):
+        if not project(units, sides, sides.size, k, 0.01 * rules.near, step, multipliers):
             return False
         w[:k] += step[:k]
         for c in range(n):
@@ -196,14 +173,15 @@ def _pull(curves: Any, rows: Any, aim: Any, rules: Any, turns: int, place: Any, 
 def _model(curves: Any, rows: Any, aim: Any, basis: Any, place: Any, active: Any, known: Any, out: Any) -> float:
     """Slope and Hessian of the step's programme; returns the budget's multiplier.
 
-    known: (the distance, the budget's multiplier, whether that is more than a guess); out: (slope, Hessian, `ModelRoom`).
+    known: (the distance, the budget's multiplier, whether that is more than a guess).
     """
-    (w, _), (slope, hessian, room), (distance, weight, is_known) = place, out, known
-    k, cost_slope = w.size - 1, room.cost_slope
-    cost_model(curves, aim.belief, w, cost_slope, room.cost_hessian)
+    (w, z), (slope, hessian), (distance, weight, is_known) = place, out, known
+    k = w.size - 1
+    cost_slope, bend = np.empty(k), np.empty((k, k))
+    cost_model(curves, aim.belief, w, cost_slope, bend)
     slope[:] = 0.0
     hessian[:, :] = 0.0
-    set_distance_model(rows, aim.point, basis, place, active, (slope, hessian), room)
+    set_distance_model(rows, aim.point, basis, w, z, active, slope, hessian)
     length = max(distance, 1e-12)
     for a in range(k):
         for b in range(k):
@@ -225,7 +203,7 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, place: Any, active: Any
     size = 0.0
     for a in range(k):
         for b in range(k):
-            hessian[a, b] += bending * room.cost_hessian[a, b]
+            hessian[a, b] += bending * bend[a, b]
             size = max(size, abs(hessian[a, b]))
     for c in range(k, slope.size):
         hessian[c, c] = max(_WITNESS * size, 1e-12)
@@ -284,13 +262,13 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: i
     lines = m + 1 if has_budget else m
     units, sides, lengths, weights = np.empty((lines, size)), np.empty(lines), np.empty(lines), np.zeros(lines)
     hessian, slope, step, memory = np.empty((size, size)), np.empty(size), np.empty(size), step_room(size, lines)
-    trial, member, nearest, model = w.copy(), z.copy(), np.empty(n_states), model_room(k, n)
+    cost_slope, bend = np.empty(k), np.empty((k, k))
+    trial, member, nearest = w.copy(), z.copy(), np.empty(n_states)
     written, active = (units, sides, lengths), room.active[: k + face.n_set_rows]
-    pulling = (np.empty(size), memory, model)
     best, share, weight = np.inf, 1.0, 0.0
     for turn in range(2 * rounds):
         loss, distance, known = np.inf, np.inf, best < np.inf
-        if _pull(curves, rows, aim, rules, 3 if known else 8, (trial, member), written, pulling):
+        if _pull(curves, rows, aim, rules, 3 if known else 8, (trial, member), written):
             distance = nearest_belief(face, trial, aim.point, rules, NO_ROW, nearest, room)
         if distance < np.inf:
             loss = -aim.sign * distance
@@ -312,9 +290,10 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: i
             creeps = share == 1.0 and (2 * rounds - turn) * gain <= _CREEP * abs(best)
             share = 1.0
             state = (distance, weight, known)
-            weight = _model(curves, rows, aim, rules.basis, (w, z), active, state, (slope, hessian, model))
+            weight = _model(curves, rows, aim, rules.basis, (w, z), active, state, (slope, hessian))
+            cost_model(curves, aim.belief, w, cost_slope, bend)
             left = aim.limit - cost_at(curves, aim.belief, w) + aim.optimal_cost
-            _write_rows(rows, rules.basis, (w, z), model.cost_slope, left, written)
+            _write_rows(rows, rules.basis, (w, z), cost_slope, left, written)
             top = largest_in(hessian, k)
             _bend_rows(rows, rules.basis, top, weights, (units, lengths), hessian)
             near = 0.01 * rules.near

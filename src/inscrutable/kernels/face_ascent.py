@@ -30,9 +30,14 @@ _ACROSS = 3.0
 """Curvature across rows that held, over the largest of the rest; with 1 or 10, some ten of these 840 differ to either side."""
 _GROWTH = 2.0
 """Factor of the shift that makes the model convex; with 4 or 10, some eight of these 840 differ to either side."""
+_TRIALS = 60  # of an ascent
 _CREEP = 1e-5
 """An ascent ends where its last gain and the next one promised, each repeated in all trials left, are less than this share of
 the value: half to two thirds of all trials gain less."""
+_OF_SHORTFALL = 0.25
+"""It ends as well where they are less than this share of what it lacks to the best value known. Of 5,400 decisions and lotteries
+over three to eight states and fewer assets none loses .05 %, two gain, up to 1.3 %, and those over six to eight states take 10 to
+19 % less time; with 1, eight lose, up to 13 %."""
 _EASE = 0.01  # unit of the member's coordinates: it follows a decision almost for free
 
 
@@ -249,11 +254,12 @@ def _move(w: Any, z: Any, step: Any, share: float, basis: Any, trial: Any, membe
 
 
 @internal
-def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: int, room: Any) -> tuple[float, float]:
+def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, floor: float, room: Any) -> tuple[float, float]:
     """Improve the decision w, explained by z; both are replaced. Returns the value, −∞ where the search fails, and the budget's
     multiplier.
 
-    `rows` begin with the k equalities, followed by the face's rows; `room` is a `DistanceRoom`.
+    `rows` begin with the k equalities, followed by the face's rows; `floor` is the best value known; `room` is a
+    `DistanceRoom`.
     """
     n_states, n = rules.basis.shape
     k = w.size - 1
@@ -266,7 +272,7 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: i
     trial, member, nearest = w.copy(), z.copy(), np.empty(n_states)
     written, active = (units, sides, lengths), room.active[: k + face.n_set_rows]
     best, share, weight = np.inf, 1.0, 0.0
-    for turn in range(2 * rounds):
+    for turn in range(_TRIALS):
         loss, distance, known = np.inf, np.inf, best < np.inf
         if _pull(curves, rows, aim, rules, 3 if known else 8, (trial, member), written):
             distance = nearest_belief(face, trial, aim.point, rules, NO_ROW, nearest, room)
@@ -287,7 +293,8 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: i
             put(nearest, z)
             if known and gain <= rules.accuracy and share == 1.0:
                 break
-            creeps = share == 1.0 and (2 * rounds - turn) * gain <= _CREEP * abs(best)
+            enough = max(_CREEP * abs(best), _OF_SHORTFALL * (floor + best))
+            creeps = share == 1.0 and (_TRIALS - turn) * gain <= enough
             share = 1.0
             state = (distance, weight, known)
             weight = _model(curves, rows, aim, rules.basis, (w, z), active, state, (slope, hessian))
@@ -309,7 +316,7 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: i
                 weight = weights[m]
             if has_budget:  # the model is of ½Ψ²
                 promise /= max(distance, rules.near)
-            if promise <= rules.accuracy or (creeps and (2 * rounds - turn) * promise <= _CREEP * abs(best)):
+            if promise <= rules.accuracy or (creeps and (_TRIALS - turn) * promise <= enough):
                 break
         _move(w, z, step, share, rules.basis, trial, member)
     return -best, weight

@@ -318,7 +318,8 @@ def search_sets(
                 if was_on_border:
                     weight = _climb_border(face, aim, rules, y, trial, room)
                     _keep(face, aim, rules, trial, weight, spots, s, room)
-                value, weight = ascend(face, held, aim, rules, trial, y, _ROUNDS, room.distance)
+                known = max(floor, spots.numbers[s, 0])
+                value, weight = ascend(face, held, aim, rules, trial, y, known, room.distance)
                 if value > -np.inf:
                     _keep(face, aim, rules, trial, weight, spots, s, room)
                 if was_on_border or not _is_on_border(y, k):

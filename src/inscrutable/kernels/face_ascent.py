@@ -35,9 +35,9 @@ _CREEP = 1e-5
 """An ascent ends where its last gain and the next one promised, each repeated in all trials left, are less than this share of
 the value: half to two thirds of all trials gain less."""
 _OF_SHORTFALL = 0.25
-"""It ends as well where they are less than this share of what it lacks to the best value known. Of 5,400 decisions and lotteries
-over three to eight states and fewer assets none loses .05 %, two gain, up to 1.3 %, and those over six to eight states take 10 to
-19 % less time; with 1, eight lose, up to 13 %."""
+"""It ends as well where they are less than this share of what it lacks to the best value known. Of 5,400 decisions and
+lotteries over three to eight states and fewer assets none loses .05 %, two gain, up to 1.3 %, and those over six to eight
+states take 10 to 19 % less time; with 1, eight lose, up to 13 %."""
 _EASE = 0.01  # unit of the member's coordinates: it follows a decision almost for free
 
 

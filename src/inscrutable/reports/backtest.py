@@ -302,8 +302,8 @@ def _worth_note(result: Backtest) -> str:
         return (
             "Worth: the gain of a rival, an observer with the investor's own problem, over the best portfolio for the long-run "
             "mean of the belief, by the investor's beliefs. The rival knows the beliefs, or infers them, or copies the "
-            "published weights. Copying cannot be prevented: its gain and the investor's regret add up to the worth of the "
-            "beliefs."
+            "published weights. Copying cannot be prevented: in expectation over draws, its gain and the investor's regret add "
+            "up to the worth of the beliefs."
         )
     said = (
         "Worth: the gain of the rival, an observer with a problem of its own, over its best decision for the long-run mean "

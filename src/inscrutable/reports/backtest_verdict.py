@@ -37,15 +37,21 @@ def answer(result: Backtest) -> str:
     for name in hiding:
         naive, aware = (asked.is_met(seen.reached(name, figures[name])) for seen in _SEEN.values())
         groups.setdefault(_WHOM[naive, aware], []).append(name)
-    unit = f" basis points of risk-adjusted return a {result.market.frequency.word}"
+    unit = f"{_of_optimal(result)} basis points of risk-adjusted return a {result.market.frequency.word}"
     parts: list[str] = []
     for whom in filter(groups.__contains__, _WHOM.values()):
         names = groups[whom]
         prices = _and([_basis_points(figures[name]["mean_regret"]) for name in names])
-        verb = "hide the investor's belief" if not parts else "hide it"
+        verb = f"hide the investor's belief over {len(result.regimes)} market regimes" if not parts else "hide it"
         parts.append(f"{_and([full_name(name) for name in names])} weights {verb} from {whom}, at {prices}{unit}")
         unit = ""
     return f"In short: {'; '.join(parts)}."
+
+
+def _of_optimal(result: Backtest) -> str:
+    """Return the risk-adjusted return of the best decisions, of which the price is a part; empty where some have none."""
+    optimal = result.episode.records[result.names[0]].decisions.optimal_cost
+    return f" of {_basis_points(-optimal.mean())}" if (optimal <= 0.0).all() and optimal.any() else ""
 
 
 class _Seen(NamedTuple):
@@ -73,11 +79,11 @@ _WHOM = {
 
 
 def verdict(result: Backtest) -> list[str]:
-    """Return the verdict, one line each: the answer, its limits, the observers' estimates, who hides, the price."""
+    """Return the verdict, one line each: the answer, its limits, cheaper silence, the estimates, who hides, the price."""
     figures, word = result.figures, result.market.frequency.word
     odm, *hiding = result.names
     own = figures[odm]
-    lines = list(filter(None, [answer(result), _holds(result)]))
+    lines = list(filter(None, [answer(result), _holds(result), _silence(result)]))
     lines.append(
         f"Without protection: from the {FULL_NAMES['ODM']} weights, an observer names the investor's likeliest regime in "
         f"{_share(own['share_regime_named'])} of {len(result.beliefs)} {word}s; always naming the commonest is right in "
@@ -105,8 +111,12 @@ def limits(result: Backtest) -> list[str]:
     """Return the basis of the verdict, one line each: the meaning of "hidden", names and budgets, and ceilings."""
     names = "; ".join(f"{name}: {FULL_NAMES[name]}" for name in result.names if name in FULL_NAMES)
     budget = f"{'budget of ' if result.budget.is_relative else ''}{result.budget}"
-    if result.sequential is not None and result.settings.budget is None:
-        budget += f" ({SEQUENTIAL}: {SHARE_OF_SILENCE:.0%} of the silence regret, in the long run)"
+    word = result.market.frequency.word
+    means = [f"PDM: in the mean of its two outcomes, each {word}"] if "PDM" in result.names else []
+    if result.sequential is not None:
+        own = f"{SHARE_OF_SILENCE:.0%} of the silence regret, " if result.settings.budget is None else ""
+        means.append(f"{SEQUENTIAL}: {own}in the mean of the long run, more in single {word}s")
+    budget += f" ({'; '.join(means)})" if means else ""
     hiding = result.names[1:]
     said = [f"{names}; each hides within a {budget}."] if hiding else [f"{names}."]
     if hiding:
@@ -117,7 +127,6 @@ def limits(result: Backtest) -> list[str]:
         )
     if result.aware is None or len(result.names) == 1:
         return said
-    word = result.market.frequency.word
     asked = _asked(result)
     meaning = asked.meaning(without="weights", state="regime", cases=f"{word}s")
     return [meaning, *said, *_ceilings(result)]
@@ -198,8 +207,8 @@ def _and(words: Sequence[str]) -> str:
 
 
 def cautions(result: Backtest) -> list[str]:
-    """Return cautions on the verdict: weak hiding, and silence that costs less."""
-    figures, word = result.figures, result.market.frequency.word
+    """Return cautions on the verdict: hiding that is weak."""
+    figures = result.figures
     odm, *hiding = result.names
     optimal = figures[odm]["share_regime_named"]
     said = []
@@ -211,16 +220,24 @@ def cautions(result: Backtest) -> list[str]:
             said.append(
                 f"{name}: the likeliest regime is hardly hidden: named in {_share(named)} instead of {_share(optimal)}."
             )
-    dearer = {
-        name: figures[name]["mean_regret"] for name in hiding if figures[name]["mean_regret"] > result.silence_regret
-    }
-    if dearer:
-        said.append(
-            f"Silence would have been cheaper: one constant portfolio, known only in hindsight, reveals nothing and would have "
-            f"cost {_POINTS * result.silence_regret:.3g} basis points a {word} instead of "
-            f"{_and([f'{_POINTS * spent:.3g} ({full_name(name)})' for name, spent in dearer.items()])}."
-        )
     return said
+
+
+def _silence(result: Backtest) -> str:
+    """Return a line on the constant portfolio where it costs less than hiding; empty where it does not."""
+    spent = {name: result.figures[name]["mean_regret"] for name in result.names[1:]}
+    dearer = {name: regret for name, regret in spent.items() if regret > result.silence_regret}
+    if not dearer:
+        return ""
+    beforehand = ""
+    if result.aware is not None and result.rival_is_own:
+        known = result.figures[result.names[0]]["worth_secret"]
+        beforehand = f"; the best one for the long-run mean of the belief, known beforehand, {_POINTS * known:.3g}"
+    return (
+        "Silence would have been cheaper: the best constant portfolio, known only in hindsight, reveals nothing and would have "
+        f"cost {_POINTS * result.silence_regret:.3g} basis points a {result.market.frequency.word} instead of "
+        f"{_and([f'{_POINTS * each:.3g} ({full_name(name)})' for name, each in dearer.items()])}{beforehand}."
+    )
 
 
 def _change(figures: Mapping[str, float]) -> str:

@@ -177,7 +177,7 @@ def notes_of(comparison: Comparison) -> list[str]:
         *_who_is_who(comparison),
         "An error is the root mean square of the Euclidean distance between the belief and the observer's estimate. The naive "
         "observer takes decisions for optimal. The near-optimal one allows for the expected regret, the budget-aware one for "
-        "the largest regret of any decision; both know the prior. The aware observer knows the rule and the prior. Where no "
+        "the largest regret of any decision; both know the prior. The aware one also has the rule. Where no "
         "belief explains a decision to an observer, its estimate is the belief that leaves it the least regret.",
         *_columns_told(comparison),
         *_on_paths(comparison),

@@ -219,6 +219,7 @@ def pictures(block: Any, block_vars: Any, gallery_conf: dict[str, Any]) -> str:
     for path in sorted(Path.cwd().glob("*.png")):
         taken.append(next(block_vars["image_path_iterator"]))
         shutil.move(path, taken[-1])
+        path.with_suffix(".svg").unlink(missing_ok=True)
     if not taken:
         return drawn
     # A phone shows a wide picture at a size at which its letters can be read, and moves it sideways.

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from textwrap import indent
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 MADE = HERE / "made"
 KEPT: list[Any] = []
+WIDE = 1000  # pixels
 WORTH_PROCESSES = 10  # markets; each process has to start first
 
 # The steps of the story in its order, each with the modules whose public names belong to it.
@@ -217,7 +219,18 @@ def pictures(block: Any, block_vars: Any, gallery_conf: dict[str, Any]) -> str:
     for path in sorted(Path.cwd().glob("*.png")):
         taken.append(next(block_vars["image_path_iterator"]))
         shutil.move(path, taken[-1])
-    return drawn + (figure_rst(taken, gallery_conf["src_dir"]) if taken else "")
+        path.with_suffix(".svg").unlink(missing_ok=True)
+    if not taken:
+        return drawn
+    # A phone shows a wide picture at a size at which its letters can be read, and moves it sideways.
+    kind = "drawn wide" if max(map(width_of, taken)) > WIDE else "drawn"
+    figure = indent(figure_rst(taken, gallery_conf["src_dir"]), "   ")
+    return f"{drawn}\n.. container:: {kind}\n\n{figure}\n"
+
+
+def width_of(picture: Path | str) -> int:
+    """Return the width of a PNG file in pixels, which are the four bytes from the seventeenth."""
+    return int.from_bytes(Path(picture).read_bytes()[16:20], "big")
 
 
 def make(app: Any) -> None:

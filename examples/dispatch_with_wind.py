@@ -1,7 +1,7 @@
 """An operator with a wind forecast
 ================================
 
-A system operator whose public schedule of power plants reveals a private wind forecast, on the IEEE 30-bus network.
+The public schedule of a system operator's power plants reveals its private wind forecast, here on the IEEE 30-bus network.
 
 Writes dispatch_with_wind.png into the current folder.
 """

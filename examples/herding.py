@@ -2,8 +2,9 @@
 The price of privacy for the others
 ===================================
 
-People decide in turn whether to buy. Each has a signal of its own, right with probability 0.7, and sees what those before
-decided. A decision shows the signal behind it, unless it is hidden. What does hiding cost who hides, and what the others?
+People decide in turn whether to buy. Each has a signal of its own, which is right with probability 0.7, and sees what
+those before decided. A decision shows the signal behind it, unless it is hidden. What does hiding cost the one who hides,
+and what does it cost the others?
 
 All rules cost the first agent the same expected regret, 0.1. Writes herding.png into the current folder.
 """

@@ -1,7 +1,7 @@
 """An inspector with five routines
 ===============================
 
-An inspector with five routines and a private forecast of three kinds of fault: which routine hides the forecast?
+An inspector has five routines and a private forecast of three kinds of fault. Which routine hides the forecast?
 
 Writes inspection_game.png into the current folder.
 """

@@ -1,7 +1,7 @@
 """A bettor and her stakes
 =======================
 
-A bettor whose stakes reveal her belief: the best stakes are the belief itself, and other stakes cost their divergence from it.
+The stakes of a bettor reveal her belief: the best stakes are the belief itself, and other stakes cost their divergence from it.
 
 Writes kelly_bettor.png into the current folder.
 """

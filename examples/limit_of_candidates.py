@@ -1,7 +1,7 @@
 """The limit of many samples
 =========================
 
-The paper samples M actions and lets M grow: where does that lead, and how fast, by actions and by decoys?
+The paper samples M actions and lets M grow. Which privacy does that reach, and how fast, for actions and for decoys?
 
 Writes limit_of_candidates.png into the current folder.
 """

@@ -1,7 +1,7 @@
 """Alphas of 500 names
 ===================
 
-A long and short book of 500 names with 20 factors: what do its weights say, and what does hiding half of it cost?
+Take a long and short book of 500 names with 20 factors. What do its weights say, and what does hiding half of it cost?
 
 A desk's private view is no belief over regimes but a vector of expected returns, its alphas. Without constraints the weights
 are V⁻¹m/(2γ): whoever knows the risk reads every alpha off them.

@@ -383,7 +383,7 @@ def test_who_spends_more_is_no_better_for_that(tmp_path: Path) -> None:
     share = lottery["expected_regret"] / constant["expected_regret"]
     shared = np.sqrt((1.0 - share) * rows.loc["ODM"].iloc[0]["error"] ** 2 + share * constant["error"] ** 2)
     leader = "PDM" if lottery["error"] > shared else "coin"
-    assert f"the largest error of the naive observer is under {leader}" in verdict
+    assert f"largest error of the naive observer is under {leader}" in verdict
     assert f"about {shared:.3g}" in verdict, verdict
     assert "cost, times the least at its budget" in Reader(tmp_path / "report.html").inside["th"]
 

@@ -60,7 +60,7 @@ with drawing(6.0, 2.4) as (figure, axes):
     figure.savefig("filter.png")
 
 # %%
-# The filter is causal: a belief never changes when later observations arrive. One observation at a time gives the same.
+# The filter is causal: a belief never changes when later observations arrive. To filter one observation at a time gives the same beliefs.
 
 online = BeliefFilter(world)
 for signal in path.observations:

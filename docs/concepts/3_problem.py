@@ -34,8 +34,8 @@ print("V(belief)   ", problem.optimal_cost(belief).round(5))
 print("regret of equal weights", problem.regret(belief, np.full(3, 1 / 3)).round(6))
 
 # %%
-# From a certain calm regime to a certain crisis the optimal weights change, and each portfolio reveals its belief. The optimal
-# cost V is concave, and the regret of acting under another belief does not decrease along a ray.
+# The left panel has the optimal weights for every probability of a crisis: each portfolio reveals its belief. The right panel has the
+# regret of acting under another belief than the true one, which does not decrease along a ray from the true belief.
 
 crisis = np.linspace(0.0, 1.0, 201)
 beliefs = np.column_stack([1 - crisis, np.zeros(201), crisis])
@@ -74,6 +74,6 @@ capped = MarkowitzProblem(
 print("at most a half in each:", capped.solve(belief).round(3))
 
 # %%
-# Other costs: :class:`~inscrutable.QuadraticProblem`, :class:`~inscrutable.LinearProblem`, :class:`~inscrutable.FiniteProblem`
+# There are other costs: :class:`~inscrutable.QuadraticProblem`, :class:`~inscrutable.LinearProblem`, :class:`~inscrutable.FiniteProblem`
 # for choices, :class:`~inscrutable.KellyProblem` for growth, :class:`~inscrutable.ConvexProblem` for costs in a modelling
-# language or as functions, :func:`~inscrutable.dispatch_problem` for power plants. A class of your own: :doc:`/extending`.
+# language or as functions, :func:`~inscrutable.dispatch_problem` for power plants. A class of your own is one more (:doc:`/extending`).

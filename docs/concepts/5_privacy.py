@@ -87,7 +87,7 @@ with drawing(4.6, 3.8, subplot_kw={"projection": "ternary"}) as (figure, axes):
 
 # %%
 # Against the *aware observer*, who knows the rule and a prior over beliefs, the measures are the *leakage* I(π; u) in bits and the error of
-# the best estimate. Of the optimal decisions:
+# the best estimate. These are the figures of the optimal decisions:
 
 prior = uniform_prior(3, 20)
 print(

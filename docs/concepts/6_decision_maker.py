@@ -11,8 +11,8 @@ decision) that keeps the budget on average.
    CDM: max Ψ(u) over u ∈ C with ρ(π,u) ≤ r
    PDM: max Σ_l p_l Ψ(u_l) over lotteries p with Σ_l p_l ρ(π,u_l) ≤ r
 
-A budget that is a plain number c_b means ``r = c_b |c*|``, the paper's share of the optimal cost; ``Budget.regret`` is a
-regret.
+A budget that is a plain number c_b means ``r = c_b |c*|``, the paper's share of the optimal cost; ``Budget.regret`` gives r
+itself.
 """
 
 import numpy as np
@@ -44,7 +44,7 @@ pdm = ProbabilisticDecisionMaker(problem, budget=0.1).decide(belief)
 print(cdm.summary(), pdm.summary(), sep="\n\n")
 
 # %%
-# Left the portfolios, right the beliefs that explain them. The bars are the decisions of the lottery; their heights are the
+# On the left are the portfolios, on the right the beliefs that explain them. The bars are the decisions of the lottery; their heights are the
 # probabilities. A draw without a generator uses the operating system's entropy, because a known seed reveals the draw.
 
 drawn = pdm.sample(rng=np.random.default_rng(0))

@@ -2,13 +2,13 @@
 Gaussian beliefs
 ================
 
-Most desks hold no belief over three regimes but a vector of expected returns, *alphas*; most controllers an estimate with a
+Most desks hold no belief over three regimes but a vector of expected returns, *alphas*; most controllers hold an estimate with a
 covariance. The story is the same. A hidden state moves linearly with Gaussian noise, a private sensor reads it, and a Kalman filter
 gives the belief N(m, P). Its covariance P is known to all who know the model; its mean m is private, and drives the decision
 
 .. math:: \\min_{u \\in C} \\; \\gamma u'Vu - (Bm)'u ,
 
-V the covariance of the assets and B the loadings of assets on signals (B = I: m holds the expected returns themselves).
+where V is the covariance of the assets and B the loadings of assets on signals (with B = I, m holds the expected returns themselves).
 """
 
 from pathlib import Path
@@ -39,7 +39,7 @@ from inscrutable.reports.views import draw_views
 # From observations to a mean
 # ---------------------------
 #
-# One signal that decays by a tenth a month, read with noise as large as itself. An observation may be missing; the filter goes on
+# Take one signal that decays by a tenth a month and is read with noise as large as itself. An observation may be missing; the filter goes on
 # with its prediction. After some months its covariance has converged.
 
 world = LinearGaussianWorld([[0.9]], [[0.19]], [[1.0]], [[1.0]])
@@ -58,7 +58,7 @@ print(f"in the long run {steady_filter(world).covariance[0, 0]:.3f}")
 #
 # .. math:: Bm \in 2\gamma Vu + N_C(u),
 #
-# N_C(u) the normal cone of the active constraints. Without constraints that is one point, which is Sharpe's reverse
+# where N_C(u) is the normal cone of the active constraints. Without constraints that is one point, which is Sharpe's reverse
 # optimisation and the prior of Black and Litterman. A budget row leaves a common shift free, so that only differences are identified;
 # a weight at a limit gives one inequality. Differences are best taken from an asset off its limits: a portfolio that holds an asset at its
 # cap may have any expected return above a number. The factors of a risk model are never multiplied out: thousands of assets take milliseconds.
@@ -74,7 +74,7 @@ views = implied_views(problem, weights, reference="Chips")
 print(views)
 
 # %%
-# The same weights, read as at most two basis points a month worse than the best. Assets that are not held have only an upper
+# Now the same weights are read as at most two basis points a month worse than the best. Assets that are not held have only an upper
 # bound: the arrows are unbounded below.
 
 near = implied_views(problem, weights, regret=0.0002, reference="Chips")
@@ -87,7 +87,7 @@ with drawing(7.0, 2.8, ncols=2, sharey=True) as (figure, axes):
 # ----------------------
 #
 # The paper's measures apply to implied views as to sets of beliefs. Within a regret r, and without inequalities, the
-# farthest view lies along the riskiest direction, at √(4γ r λ), λ the largest eigenvalue of V: there an error in expected returns
+# farthest view lies along the riskiest direction, at √(4γ r λ), with λ the largest eigenvalue of V: there an error in expected returns
 # moves weights least. Under limits the search follows rays from m until the budget is spent.
 
 free = AlphaProblem(risk, 4.0)
@@ -103,7 +103,7 @@ for shown, what in ((free, "no limits"), (problem, "long-only, capped")):
 # What the aware observer learns
 # ------------------------------
 #
-# `AlphaDecisionMaker` spends a share of the silence regret, that of deciding by public knowledge, so that decisions leak the
+# `AlphaDecisionMaker` spends a share of the silence regret, which is the regret of deciding by public knowledge, so that decisions leak the
 # fewest bits, or leave the largest error. Both are optimal among all rules of this regret. The study `studies/alphas.toml`
 # computes this in random markets, with an observer of simulated decisions; here is a part of it. The rule of the largest error
 # leaks many bits: it reveals some directions nearly exactly, and others not at all.

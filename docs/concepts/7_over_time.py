@@ -34,8 +34,8 @@ found = compare(
 print(found.header())
 
 # %%
-# Each rule spends half the silence regret. Left: all decisions are made on one belief. The observer knows that it stays. The
-# rule does not, except on the dotted curve. Right: the belief changes; at each step it stays the same with probability 0.9, and
+# Each rule spends half the silence regret. On the left all decisions are made on one belief. The observer knows that it stays; the
+# rule does not, except on the dotted curve. On the right the belief changes: at each step it stays the same with probability 0.9, and
 # the observer has filtered it for a long time. The dashed line is the error without decisions.
 
 looks = looks_of([*names])
@@ -52,7 +52,11 @@ with drawing(7.4, 3.2, ncols=2, width_ratios=[3, 2]) as (figure, (left, right)):
         )
     told = found.of("sequential")[0]
     left.plot(
-        found.repeats, told.told_errors, ":", color=looks["sequential"].colour
+        found.repeats,
+        told.told_errors,
+        ":",
+        color=looks["sequential"].colour,
+        label="sequential, knows that the belief stays",
     )
     left.set(xscale="log", xlabel="decisions on one belief", ylabel="error")
     left.set_xticks(found.repeats, [str(n) for n in found.repeats])
@@ -68,10 +72,11 @@ with drawing(7.4, 3.2, ncols=2, width_ratios=[3, 2]) as (figure, (left, right)):
     right.set_xlabel("error, followed over time")
     right.axvline(told.path_ceiling, color="#000000", linewidth=0.9)
     right.set_title("solid line: no rule exceeds it", loc="left")
-    for line in (left.axhline, right.axvline):
-        line(found.prior_error, color="#000000", linestyle="--", linewidth=0.9)
+    dashed = {"color": "#000000", "linestyle": "--", "linewidth": 0.9}
+    left.axhline(found.prior_error, label="without decisions", **dashed)
+    right.axvline(found.prior_error, **dashed)
     handles, labels = left.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    figure.legend(handles, labels, loc="outside upper center", ncols=4)
     figure.savefig("over_time.png")
 
 # %%
@@ -87,10 +92,10 @@ with drawing(7.4, 3.2, ncols=2, width_ratios=[3, 2]) as (figure, (left, right)):
 # 2. The posteriors p_u average to p, and every family of laws that does so is that of some mechanism.
 # 3. So the optimum is Ψ(p) − λ H(p), with Ψ the concave envelope of max_u ψ_u.
 # 4. An optimal mechanism puts p_u where Ψ(p_u) = ψ_u(p_u): otherwise p_u could be split further, at a gain.
-# 5. From p_u, to play u for certain has the value ψ_u(p_u) − λ H(p_u) = Ψ(p_u) − λ H(p_u), which is the optimum.
+# 5. At the law p_u, playing u for certain has the value ψ_u(p_u) − λ H(p_u) = Ψ(p_u) − λ H(p_u), which is the optimum.
 # 6. A decision that is played for certain reveals nothing, so the law stays p_u, and the same holds at the next step.
 #
-# The conditions: the same prices, decisions and caps at every step, an exact optimum, and, among equal optima, the one of least
+# The conditions are the same prices, decisions and caps at every step, an exact optimum, and, among equal optima, the one of least
 # information. The rule tests whether the last decision is still optimal for certain before it solves anything else.
 #
 # **It does not hold** for a belief that happens to stay while the rule assumes that it moves. The rule then assumes that its earlier

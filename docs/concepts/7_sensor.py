@@ -10,7 +10,7 @@ has, at every step, the column of B for the symbol that the agent saw, up to a f
    π_k = diag(b) P'π_{k−1} / 1'diag(b) P'π_{k−1}     so     b ∝ π_k / P'π_{k−1}, entry by entry
 
 With no more symbols than states the factors follow, because the rows of B sum to one. With more symbols they do not, and the
-frequencies of the symbols have to give them: the result's status names the case, and its intervals the accuracy of the entries.
+frequencies of the symbols have to give them: the result's status names the case, and its intervals give the accuracy of the entries.
 """
 
 import numpy as np
@@ -116,7 +116,9 @@ with drawing(6.4, 3.4) as (figure, axes):
         plot_profile(axes, found, look, label=name)
         print(f"{name:14s}accuracy {found.parameters[0]:.2f}, {found.status.name}")
     axes.axvline(0.8, color="0.6", linewidth=0.8)
-    axes.set_xlabel("accuracy of the sensor; the true one is 0.8")
+    axes.set_xlabel(
+        "accuracy of the sensor; the true one is 0.8; bars: 95 % intervals"
+    )
     axes.legend(frameon=False)
     figure.savefig("sensor.png")
 

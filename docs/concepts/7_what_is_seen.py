@@ -69,10 +69,11 @@ with drawing(7.0, 3.0) as (figure, axes):
             marker=look.marker,
             label=row.disclosure,
         )
-    axes.axhline(table.prior_error, color="#000000", linestyle="--", linewidth=0.9)
+    dashed = {"color": "#000000", "linestyle": "--", "linewidth": 0.9}
+    axes.axhline(table.prior_error, label="without decisions", **dashed)
     axes.set(xlabel="step (month)", ylabel="error about the present belief")
     axes.set_xticks(range(0, 19, 3))
-    figure.legend(loc="outside upper center", ncols=4)
+    figure.legend(loc="outside upper center", ncols=5)
     figure.savefig("what_is_seen.png")
 print(table.lines())
 

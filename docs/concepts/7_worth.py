@@ -2,7 +2,7 @@
 What is it worth to the rival?
 ==============================
 
-A *rival* is an observer who gains by knowing the belief: a trade, a wager, a name for the state. Its *loss* L(p) under its law p of the
+A *rival* is an observer who gains by knowing the belief: by a trade, by a wager, or by naming the state. Its *loss* L(p) under its law p of the
 belief is the Bayes risk of its own decision problem:
 
 .. code-block:: text
@@ -11,8 +11,8 @@ belief is the Bayes risk of its own decision problem:
    worth of the secret     L(prior) − E L(the belief is known)
    worth of reading   W =  L(prior) − E L(p_u),   p_u the law after the decision u
 
-`SquaredError()` is the variance of its estimate, the default everywhere; `NamingError()` the probability that it names the
-wrong state; `RivalProblem(problem)` the cost of its own decision problem on the same states, in its own unit. Reading is worth
+`SquaredError()` is the variance of its estimate, the default everywhere; `NamingError()` is the probability that it names the
+wrong state; `RivalProblem(problem)` is the cost of its own decision problem on the same states, in its own unit. Reading is worth
 nothing where decisions reveal nothing, and never more than the secret.
 """
 
@@ -78,7 +78,7 @@ with drawing(7.4, 3.2) as (figure, axes):
 
 # %%
 # **Copying cannot be prevented.** A rival with the agent's own problem sees the decision in time and can play it, at the agent's cost.
-# So, with r₀ the silence regret, the value of the information in the belief to both,
+# So, with r₀ the silence regret, which is the value of the information in the belief to both,
 #
 # .. code-block:: text
 #

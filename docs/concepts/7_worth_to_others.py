@@ -70,7 +70,7 @@ with drawing(7.0, 3.0, ncols=2) as (figure, (left, right)):
     left.text(1.9, plain.right - 0.006, "nothing hidden", fontsize=6)
     for jump in (1.158, 0.733, 0.540):
         left.axvline(jump, color=BLACK, linestyle=":", linewidth=0.7)
-    left.set(xlabel="ε of randomised response", ylabel="right cascades")
+    left.set(xlabel="ε of randomised response", ylabel="share of right cascades")
     for name, found, colour in (
         ("nothing hidden", plain, GREEN),
         ("randomised response, ε = 1", noisy, BLUE),

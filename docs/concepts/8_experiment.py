@@ -48,9 +48,9 @@ with drawing(6.8, 2.7, ncols=2, sharey=True) as (figure, panels):
                 zorder=3 if look.marker == "x" else 2,  # a cross on a dot
                 label=name,
             )
-        axes.axhline(
-            part.prior_error.iloc[0], color="#000000", linestyle=":", linewidth=0.9
-        )
+        dotted = {"color": "#000000", "linestyle": ":", "linewidth": 0.9}
+        alone = part.prior_error.iloc[0]
+        axes.axhline(alone, label="without decisions", **dotted)
         axes.set(xlabel="budget, share of the silence regret", ylim=(-0.03, None))
         known = {"bayesian": "aware"}.get(observer, observer)
         axes.set_title(f"{known} observer", loc="left")

@@ -1,6 +1,6 @@
 """A backtest: a regime-switching investor decides month by month on real returns; observers read its published weights.
 
-Causal throughout. The regimes are fitted once, on the training sample. From then on, at the end of row t the investor
+Every step is causal. The regimes are fitted once, on the training sample. From then on, at the end of row t the investor
 holds the belief about row t+1 given the returns up to row t, publishes a portfolio, and earns the return of row t+1.
 """
 
@@ -83,9 +83,9 @@ def run_backtest(
 
     Timing: at the end of row t the investor holds p(x_{t+1} | returns up to t) under the training sample's world,
     decides as ODM, CDM, PDM and SDM (the sequential rule), and earns the return of row t+1. The first decision is made at
-    the end of the training sample. One rival is the paper's: it knows means, covariances and γ, and takes what is published
-    (of a lottery, the draw) at face value. The aware observers also know the rules and the prior: one
-    reads every decision alone, one remembers all before it and knows how the belief moves.
+    the end of the training sample. The naive observer is the paper's: it knows means, covariances and γ, and takes what is
+    published (for a lottery, the draw) at face value. The two aware observers also know the rules and the prior: one reads
+    every decision alone, the other remembers all before it and knows how the belief moves.
 
     Args:
         returns: (N,U) simple returns as fractions, U >= 2, with increasing dates and one labelled column per asset;
@@ -188,7 +188,7 @@ def _near_the_last(
     rng: np.random.Generator,
     progress: Progress | None,
 ) -> Episode:
-    """Decisions that turnover limits against those published before."""
+    """Return the decisions where turnover against those published before is limited."""
     budget = settings.budget_of_each
     rows = held.to_numpy()
 
@@ -235,7 +235,7 @@ def fitted_investor(
 def _given_investor(
     market: ReturnsSample, settings: BacktestSettings, world: HiddenMarkovModel, region: Polyhedron | None
 ) -> FittedInvestor:
-    """Regimes of one's own, which nothing is fitted to, in the order of the returns' columns."""
+    """Return regimes that the user gives, to which nothing is fitted, in the order of the returns' columns."""
     emission, assets = world.emission, list(market.training.columns)
     assert isinstance(emission, GaussianEmission)
     known = [str(each) for each in emission.asset_names or ()]
@@ -265,7 +265,7 @@ def regime_names(count: int) -> tuple[str, ...]:
 def _with_public(
     read: BesideReturns, world: HiddenMarkovModel, market: ReturnsSample
 ) -> tuple[HiddenMarkovModel, PublicWorld, Array]:
-    """The investor's world with what is public, and what all returns say, (T,X) on the dates of the decisions."""
+    """Return the investor's world with what is public, and the beliefs (T,X) from all returns on the dates of the decisions."""
     alone = filter_beliefs(world, market.returns)
     public = public_world(read, world, market, alone.beliefs)
     seen = investors_world(public, world)
@@ -280,7 +280,7 @@ def _held_beliefs(
     private: pd.DataFrame | None,
     beliefs: pd.DataFrame | None,
 ) -> pd.DataFrame:
-    """Beliefs on the dates of the decisions, each about the row after its date."""
+    """Return the beliefs on the dates of the decisions, each about the row after its date."""
     if beliefs is not None:
         if private is not None:
             raise InputError(

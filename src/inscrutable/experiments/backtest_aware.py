@@ -68,7 +68,7 @@ class AwareReading:
 
 
 def resolution_for(n_states: int, most: int | None = None) -> int:
-    """Return the finest resolution whose grid of beliefs is small enough to be decided on, or has at most so many."""
+    """Return the finest resolution whose grid of beliefs is small enough to decide on, or for a given number."""
     if most is None:
         most = _MOST_BELIEFS if n_states <= _WALKED_STATES else _FEWER_BELIEFS
     fits = (r for r in range(_FINEST, 1, -1) if grid_size(n_states, r) <= most)
@@ -100,7 +100,7 @@ class PublicSymbols(NamedTuple):
 def rivals_chain(
     world: HiddenMarkovModel, resolution: int, public: PublicSymbols | None, *, rng: np.random.Generator
 ) -> BeliefChain:
-    """Return how the investor's belief moves for a rival, with tables of what is public where that is something."""
+    """Return how the investor's belief moves for a rival, with tables of what is public if anything is."""
     if public is None:
         return doubted(predicted_chain(world, resolution, rng=rng))
     return doubted(predicted_chain(public.world, resolution, rng=rng, cuts=public.cuts))
@@ -120,7 +120,7 @@ def read_knowingly(
     rng: np.random.Generator,
     beside: Beside = Beside(),  # noqa: B008  # frozen
 ) -> AwareReading | None:
-    """Return what the aware observers read; None where the target changes per step."""
+    """Return the estimates of the aware observers; None where the target changes per step."""
     if isinstance(measure, DesiredObfuscation) and follows_steps(measure):
         return None
     disclosure, returns, public = beside
@@ -146,7 +146,7 @@ def read_knowingly(
 
 
 def _bits(laws: Array, played: Mechanism) -> Array:
-    """I(π;u) [bits] where the belief has each of the laws (T,B): Σ p K log K − Σ p_u log p_u."""
+    """Return I(π;u) in bits for each of the laws (T,B) of the belief: Σ p K log K − Σ p_u log p_u."""
     table = sparse.csr_array(played.observed)
     logs = table.copy()
     logs.data = entr(logs.data)

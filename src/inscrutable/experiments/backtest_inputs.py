@@ -43,14 +43,15 @@ class BacktestSettings:
         measure: Privacy measure Ψ; the default is the paper's `MaximalObfuscation()`.
         cost_bps: Cost per unit traded, in basis points of it, at least 0; 10 is the usual order for large stocks.
         train_until: Last date of the training sample, or the month or year that it is the end of ("1989-12").
-        seed: Of the fit's starts, the lotteries' draws and the bootstrap, which are independent of one another.
-        covariance: Of the regimes: "sample", "ledoit-wolf" or "factor:k" as for `fit_gaussian_hmm`; None chooses by the
-            amount of data.
+        seed: The seed of the fit's starts, of the lotteries' draws and of the bootstrap, which are independent of one another.
+        covariance: The estimator of the regimes' covariances: "sample", "ledoit-wolf" or "factor:k" as for
+            `fit_gaussian_hmm`; None chooses by the amount of data.
         sequential: Whether the sequential rule (SDM) is played as well, whose prices take up to a minute to find.
         own: A model of one's own: limits on weights, and regimes that are then not fitted; its risk aversion, budget and
             costs are for the caller to take over.
-        disclosure: What one more rival is shown of the weights, how often and how late, such as "every(3)|delayed(2)", in rows
-            of the returns; of `portfolio_return()` it knows the returns. Steps count from the first decision.
+        disclosure: The part of the weights that one more rival is shown, how often and how late, such as
+            "every(3)|delayed(2)", in rows of the returns. With `portfolio_return()` it also knows all returns. Steps count
+            from the first decision.
         rival: A rival's decision problem, as `read_rival` gives it, for the worth of beliefs and weights; None: the investor's
             own. The SDM does not use it: it minimises information.
 
@@ -129,7 +130,7 @@ class ReturnsSample:
         has_riskless: Whether they were given, so that Sharpe ratios are of excess returns.
         n_training: Number of rows of the training sample.
         frequency: Rows a year.
-        suspicious: What can hardly be right in the returns, with row and column, as `suspicious_entries` says it.
+        suspicious: The entries of the returns that can hardly be right, with row and column, as from `suspicious_entries`.
     """
 
     returns: pd.DataFrame
@@ -156,7 +157,7 @@ class ReturnsSample:
 
 
 def sample_until(returns: pd.DataFrame, train_until: str, riskless: pd.Series | None) -> ReturnsSample:
-    """Return the sample that is cut at a date, or raise `InputError` for whatever does not fit, with its date and label."""
+    """Return the sample cut at a date; raise `InputError` for whatever does not fit, with its date and label."""
     table = _labelled(returns)
     dates = pd.DatetimeIndex(table.index)
     n_training = _training_rows(dates, train_until)
@@ -171,7 +172,7 @@ def sample_until(returns: pd.DataFrame, train_until: str, riskless: pd.Series | 
 
 
 def checked_market(returns: pd.DataFrame, settings: BacktestSettings, riskless: pd.Series | None) -> ReturnsSample:
-    """Return the sample, or raise `InputError` where it is too short for the regimes, and where `sample_until` does."""
+    """Return the sample; raise `InputError` if it is too short for the regimes, and as `sample_until`."""
     sample = sample_until(returns, settings.train_until, riskless)
     n_training, n_assets = sample.training.shape
     is_fitted = settings.own is None or settings.own.world is None
@@ -251,7 +252,7 @@ def check_dates(index: pd.Index, what: str) -> None:
 
 
 def _training_rows(dates: pd.DatetimeIndex, given: str) -> int:
-    """Number of rows up to `train_until`; a month or a year stands for its last instant."""
+    """Return the number of rows up to `train_until`; a month or a year stands for its last instant."""
     try:
         end = pd.Period(given).end_time
     except (ValueError, TypeError, AttributeError):

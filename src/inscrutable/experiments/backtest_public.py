@@ -1,6 +1,6 @@
 """Observations beside the published weights: a public one, such as a market's return, and a private signal of the investor.
 
-The observer with the public number alone has E[π_t|z_0..t] = p(x|z_0..t), an ordinary filter of the public number. One who
+The estimate of an observer with the public number alone is E[π_t|z_0..t] = p(x|z_0..t), an ordinary filter of it. One who
 also sees the weights uses the law of the belief on the grid of the other observers, with the number discretised to quantiles:
 with particles, real returns have probability 0 far more often.
 """
@@ -40,7 +40,7 @@ class BesideReturns:
         market: (N,) the market's returns by date. Followed is the portfolio of the assets that comes nearest to them in the
             training sample, so that the market is a part of what the investor reads.
         private: The investor's own private signal: likelihoods of the regimes by date, one column per regime,
-            which bears its name, or its number by rising volatility; of a date without a row there is no signal.
+            which bears its name, or its number by rising volatility; a date without a row has no signal.
 
     Example:
         >>> BesideReturns(public="all").public
@@ -143,14 +143,14 @@ def public_world(beside: BesideReturns, world: HiddenMarkovModel, market: Return
 
 
 def investors_world(public: PublicWorld, world: HiddenMarkovModel) -> HiddenMarkovModel:
-    """Return the world as the investor filters it: with a public sensor of its own where there is one."""
+    """Return the world as the investor filters it: with the separate public sensor where there is one."""
     return public.world if public.world is not None and not isinstance(public.world.public, PublicPart) else world
 
 
 def held_beliefs(
     world: HiddenMarkovModel, market: ReturnsSample, public: PublicWorld, private: pd.DataFrame | None
 ) -> pd.DataFrame:
-    """Return predicted beliefs on all dates, from the returns, a public sensor of its own, and a private signal."""
+    """Return the predicted beliefs on all dates, from the returns, a separate public sensor, and a private signal."""
     index = pd.DatetimeIndex(market.returns.index)
     read = None if isinstance(world.public, PublicPart) or world.public is None else public.read
     if private is None:
@@ -196,7 +196,7 @@ class _Signal:
         return np.asarray(observations, dtype=np.float64)
 
     def sample(self, states: Any, *, rng: np.random.Generator) -> Any:
-        """Refuse: what the signal says in a state is not known."""
+        """Raise an error, because the law of the signal in a state is not known."""
         raise InputError("a private signal is known by its likelihoods alone and cannot be drawn")
 
     def to_dict(self) -> dict[str, Any]:
@@ -214,7 +214,7 @@ def _cut(
 
 
 def _fitted(values: Array, held: Array) -> GaussianEmission:
-    """Mean and variance of a number in each regime, as the filtered beliefs of the training sample weigh its rows."""
+    """Return a number's mean and variance in each regime, its rows weighted by the training sample's filtered beliefs."""
     shares = held / held.sum(axis=0)
     means = shares.T @ values
     variances = (shares * (values[:, None] - means) ** 2).sum(axis=0)
@@ -224,7 +224,7 @@ def _fitted(values: Array, held: Array) -> GaussianEmission:
 
 
 def _nearest(episode: Episode, actions: Array, without: Array) -> Array:
-    """The belief nearest to the estimate without the decision, among those that explain it; that estimate where none does."""
+    """Return the belief that explains the decision and is nearest to the estimate without it; that estimate if none does."""
     found = [belief_set_of(episode.problem, each).nearest(own) for each, own in zip(actions, without, strict=True)]
     return np.where(np.isnan(found), without, found)
 
@@ -241,7 +241,7 @@ def _on_dates(given: pd.Series, dates: pd.DatetimeIndex, what: str) -> pd.Series
 
 
 def _signal(private: pd.DataFrame, dates: pd.DatetimeIndex, regimes: tuple[str, ...]) -> Array:
-    """Log-likelihoods (N,X) on all dates, 0 where there is no signal."""
+    """Return log-likelihoods (N,X) on all dates; 0 where there is no signal."""
     columns = set(private.columns)
     if columns not in (set(regimes), set(range(len(regimes)))) or private.shape[1] != len(regimes):
         raise InputError(

@@ -43,7 +43,7 @@ class SharpeComparison(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Backtest:
-    """Results of a backtest. Row t of every (T,…) array is one decision, made at `dates[t]`.
+    """The results of a backtest; row t of every (T,…) array is one decision, made at `dates[t]`.
 
     Args:
         settings: What was asked for.
@@ -58,7 +58,7 @@ class Backtest:
         comparisons: Sharpe ratios against the ODM's.
         aware: Estimates of the aware observers; None where a target is given per step, and where turnover is limited.
         sequential: The sequential rule, which published as `SEQUENTIAL`; None where it did not.
-        public: Estimates of observers who follow a public number; None in results of before there were any.
+        public: Estimates of observers who follow a public number; None in results of older versions, which had none.
         rival: The loss of the rival to whom beliefs and weights are worth something; None: by the investor's own problem.
 
     Source: the paper's Section V-A on data instead of a simulation. Example: see `run_backtest`.
@@ -111,7 +111,7 @@ class Backtest:
         return index[-len(self.beliefs) :]
 
     def problem_at(self, name: str, step: int) -> MarkowitzProblem:
-        """Return what a decision maker could choose from at a step: with a limit on turnover, near what it published before."""
+        """Return a decision maker's problem at a step: with a limit on turnover, the one near its last published weights."""
         if self.settings.turnover is None or not step:
             return self.problem
         return self.investor.problem_after(self._of(name).decisions.action[step - 1])
@@ -127,7 +127,7 @@ class Backtest:
         return InvestorModel(world, self.problem, self.assets, self.regimes, self.budget, note, limit)
 
     def weights(self, name: str) -> pd.DataFrame:
-        """Return the portfolios that a decision maker published, (T,U) by date of decision; of a lottery, the draw."""
+        """Return the portfolios that a decision maker published, (T,U) by date of decision; for a lottery, its draws."""
         return self._frame(self._of(name).decisions.action, self.assets)
 
     def aware_estimates(self, name: str) -> pd.DataFrame:
@@ -140,7 +140,7 @@ class Backtest:
     def followed_estimates(self, name: str) -> pd.DataFrame:
         """Return the aware observer's estimates from all weights so far, (T,X); NaN without one.
 
-        Where turnover is limited there is one of the sequential rule alone.
+        Where turnover is limited there are estimates for the sequential rule alone.
         """
         if self.aware is not None:
             return self._read_as(name, self.aware.followed)
@@ -201,7 +201,7 @@ class Backtest:
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
-        """Why the figures may be no result: a fit that collapsed, beliefs that hardly move; empty where nothing is wrong."""
+        """Reasons to doubt the figures: a fit that collapsed, or beliefs that hardly move; empty if there are none."""
         fitted = replace(self.fit, world=self.world).doubt
         return tuple(filter(None, [fitted, *resting_beliefs(self.beliefs)]))
 
@@ -219,7 +219,8 @@ class Backtest:
     def silence_regret(self) -> float:
         """Mean regret of the one constant portfolio that suits these beliefs best: r₀ = V(mean π) − mean V(π).
 
-        In the cost's unit. An investor who always published it would pay this and reveal nothing but the mean belief.
+        It is in the cost's unit. An investor who always published that portfolio would pay this, and reveal nothing but the
+        mean belief.
         """
         rows = self.beliefs.to_numpy()
         constant = float(self.problem.optimal_cost(rows.mean(axis=0)))
@@ -277,7 +278,7 @@ def _figures(result: Backtest, name: str) -> dict[str, float]:
 
 
 def _disclosed_figures(result: Backtest, name: str) -> dict[str, float]:
-    """Figures of an observer who is shown a part of the decisions; none where that is everything."""
+    """Return the figures of an observer who is shown a part of the decisions; none where that part is everything."""
     if result.settings.disclosure == EXACT:
         return {}
     read = estimate_quality(result.disclosed_estimates(name).to_numpy(), result.beliefs.to_numpy())
@@ -321,7 +322,7 @@ def _privacy_figures(result: Backtest, name: str) -> dict[str, float]:
 
 
 def _aware_figures(result: Backtest, name: str) -> dict[str, float]:
-    """Figures of the aware observers, beside those of an observer who sees no weights."""
+    """Return the figures of the aware observers, and those of an observer who sees no weights."""
     aware, beliefs, unknown = result.aware, result.beliefs.to_numpy(), float("nan")
     read = estimate_quality(result.aware_estimates(name).to_numpy(), beliefs)
     followed = estimate_quality(result.followed_estimates(name).to_numpy(), beliefs)
@@ -347,7 +348,7 @@ def _aware_figures(result: Backtest, name: str) -> dict[str, float]:
 
 
 def _worths(result: Backtest, name: str, mean: Array) -> dict[str, float]:
-    """What beliefs and weights are worth to the rival, judged by the investor's beliefs.
+    """Return the worth of beliefs and weights to the rival, judged by the investor's beliefs.
 
     The rival plays what suits the long-run mean of the belief, or its estimate given all weights; one with the investor's own
     problem may play the weights themselves.

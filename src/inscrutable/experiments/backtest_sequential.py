@@ -62,9 +62,10 @@ class SequentialPart:
         return float(np.sqrt(max(ceiling_of(self.maker.table, regret), 0.0)))
 
     def record(self, investor: InvestorModel, beliefs: Array, measure: PrivacyMeasure) -> Record:
-        """Return the published portfolios as those of the other decision makers, for beliefs (T,X).
+        """Return the published portfolios in the form of the other decision makers', for beliefs (T,X).
 
-        Regrets are those near the portfolio before, where turnover is limited: what the limit costs is no price of privacy.
+        Where turnover is limited, the regret is that of the problem near the portfolio before: the cost of the limit is not
+        a price of privacy.
         """
         path, played, sets = self.path, list[Decision](), list[BeliefSet]()
         nowhere, spared = np.full(beliefs.shape[1], np.nan), np.zeros(len(beliefs))
@@ -83,7 +84,7 @@ class SequentialPart:
         return Record(decisions, expected=path.own_regrets - spared)
 
     def joined(self, aware: AwareReading, name: str) -> AwareReading:
-        """Return what rivals read with this rule under a name, and ceilings, which it alone knows."""
+        """Return the aware observers' reading with this rule added under its name, and with the ceilings."""
         regrets = {each: told.expected_regret for each, told in aware.leakages.items()}
         regrets[name] = self.maker.calibration.regret
         least = tolerances.NO_COST * self.silence_regret
@@ -107,7 +108,7 @@ def play_sequentially(
     rng: np.random.Generator,
     public: PublicSymbols | None = None,
 ) -> SequentialPart | None:
-    """Return what the sequential rule publishes along beliefs (T,X); None where there is nothing to spend.
+    """Return what the sequential rule publishes along beliefs (T,X); None where the budget is zero.
 
     The rule minimises information alone: with a price of the error, calibration takes minutes and some steps fail.
 

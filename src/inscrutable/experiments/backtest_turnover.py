@@ -33,7 +33,7 @@ def limited_episode(
     rng: np.random.Generator,
     progress: Progress | None = None,
 ) -> Episode:
-    """Let every decision maker decide on beliefs (T,X), near its own last published weights; the first decision is free."""
+    """Let every decision maker decide on beliefs (T,X), near its own last published weights; the first is not limited."""
     records = {}
     for done, (name, making) in enumerate(makers.items()):
         watch = part_of(progress, done, len(makers))

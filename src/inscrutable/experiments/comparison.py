@@ -25,6 +25,7 @@ from inscrutable.experiments.rivals import Rival, is_own, wanting
 from inscrutable.experiments.sections import Count, NonNegative, Rising, Section
 from inscrutable.experiments.setting import Behaviour, Setting
 from inscrutable.experiments.toml_lines import nearest
+from inscrutable.labels import listed
 from inscrutable.mechanisms import Disclosure, Prior
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.disclosures import EXACT
@@ -262,7 +263,11 @@ class Comparison(Saved):
             f"{least.sensor_error:.2f} ({least.maker}) to {most.sensor_error:.2f} ({most.maker}) times the error without "
             "decisions"
         )
-        return f"{told}; {', '.join(kept)} hide it." if kept else f"{told}; no rule hides it."
+        return (
+            f"{told}; {listed(kept)} {'hides' if len(kept) == 1 else 'hide'} it."
+            if kept
+            else f"{told}; no rule hides it."
+        )
 
     def rival_summary(self) -> str:
         """Return the rival's worth of the belief and of one decision, and the cost of hiding, at the middle budget, as text."""
@@ -292,7 +297,7 @@ class Comparison(Saved):
 def _short(observer: str) -> str:
     """Return an observer's name without the clause on its knowledge."""
     name, _, knows = observer.partition(", ")
-    sees = knows.partition(",")[0].removeprefix("who ")
+    sees = knows.partition(",")[0].partition(" (")[0].removeprefix("who ")
     return f"{name} who {sees}" if sees.startswith("sees") else name
 
 

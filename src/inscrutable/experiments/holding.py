@@ -20,6 +20,7 @@ import numpy as np
 
 from inscrutable import validation
 from inscrutable.errors import InputError
+from inscrutable.labels import listed
 from inscrutable.mechanisms.joint import top_states
 from inscrutable.validation import Array
 
@@ -125,7 +126,7 @@ class Requirement:
         told = [f"{each.name} ({self._error(each.error)}, {self._named(each.named)})" for each in reached]
         if len(told) > _MOST_LISTED + 1:
             told = [*told[:_MOST_LISTED], f"{len(told) - _MOST_LISTED} more"]
-        return " and ".join(filter(None, [", ".join(told[:-1]), told[-1]]))
+        return listed(told)
 
     def _error(self, error: float) -> str:
         if error >= self.least_error:

@@ -238,7 +238,7 @@ class _Noise(MakerSection):
 
 
 class Exponential(_Noise):
-    """The exponential mechanism: cheaper candidates are more probable; without `epsilon` it is calibrated to the budget."""
+    """The exponential mechanism: cheaper candidates are more probable; without a parameter it is calibrated to the budget."""
 
     parameter = "epsilon"
     name: Literal["exponential"]

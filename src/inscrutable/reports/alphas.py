@@ -45,4 +45,6 @@ def draw_alphas(found: AlphaBacktest, axes: Any) -> None:
     axes.plot(along, worth, color=GREY, linewidth=1.0, label="worth of the alphas")
     axes.set_ylabel("basis points, added up")
     axes.legend(loc="upper left")
-    axes.set_title(f"given up {given[-1]:.0f}, taken {taken[-1]:.0f} of {worth[-1]:.0f}", loc="right")
+    axes.set_title(
+        f"given up {given[-1]:.0f}, gained by the rival {taken[-1]:.0f}, of {worth[-1]:.0f} basis points", loc="right"
+    )

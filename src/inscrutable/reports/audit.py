@@ -53,8 +53,9 @@ def write_audit(audit: PairsAudit, folder: Path) -> list[Path]:
         for (over_time, alone), secret in zip(axes, shown, strict=True):
             _draw_blocks(secret, over_time)
             _draw_sources(secret, alone)
+        axes[-1, 0].set_xlabel("last row of each block")
         handles, names = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside lower center", ncols=3)
+        figure.legend(handles, names, loc="outside lower center", ncols=2)
         return paths + save_figure(figure, target, "audit")
 
 
@@ -72,10 +73,15 @@ def _draw_blocks(secret: SecretAudit, panel: Any) -> None:
     panel.plot(places, [each.guess_error for each in blocks], "--", color=GREY, label="without decisions")
     errors = np.array([each.error for each in blocks])
     panel.plot(places, errors, "-", color=BLUE, alpha=0.5)
-    panel.plot(places[judged], errors[judged], "o", color=BLUE, label="learned from the rows before")
-    panel.plot(places[~judged], errors[~judged], "o", color=BLUE, markerfacecolor="white")
+    panel.plot(places[judged], errors[judged], "o", color=BLUE, label="learned from the rows before, tested")
+    panel.plot(places[~judged], errors[~judged], "o", color=BLUE, markerfacecolor="white", label="learned, not tested")
     span = places[judged][[0, -1]]
-    panel.plot(span, [secret.error_limit] * 2, color=ORANGE, label="upper limit for the best observer")
+    panel.plot(
+        span,
+        [secret.error_limit] * 2,
+        color=ORANGE,
+        label="upper limit for the best observer, all tested blocks together",
+    )
     step = -(-len(blocks) // _MOST_TICKS)
     panel.set_xticks(places[::step], [each.last[:10] for each in blocks[::step]])
     panel.set_ylim(bottom=0.0)

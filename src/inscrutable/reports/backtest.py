@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -119,7 +120,7 @@ def _rows(result: Backtest) -> list[_Row]:
         _Row("mean_expected_regret_share", "  the same in expectation over the lottery", _PERCENT),
         _Row("largest_regret_share", f"regret, largest in a {word}, % of |c*|", _PERCENT),
         _Row("mean_regret_of_silence", "regret, mean, % of the silence regret", _PERCENT, ".0f"),
-        _Row("mean_privacy", f"privacy, mean ({type(result.settings.measure).__name__})", style=".3f"),
+        _Row("mean_privacy", f"privacy, mean ({_goal(result)})", style=".3f"),
         _Row("n_privacy_not_finite", f"  {word}s left out: goal missed, or set empty", style=".0f"),
         _Row(
             "share_regime_named", f"{word}s in which the naive observer names the likeliest regime, %", _PERCENT, ".1f"
@@ -145,6 +146,11 @@ def _rows(result: Backtest) -> list[_Row]:
         *_public_rows(result),
         _Row("n_nothing_affordable", f"{word}s in which no privacy was affordable", style=".0f"),
     ]
+
+
+def _goal(result: Backtest) -> str:
+    """Return the name of the privacy measure in words, such as "maximal obfuscation"."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type(result.settings.measure).__name__).lower()
 
 
 def _disclosed_rows(result: Backtest) -> list[_Row]:

@@ -31,7 +31,7 @@ from inscrutable.reports.style import (
 )
 from inscrutable.validation import Array
 
-_HIDDEN_WIDTH = 5.0
+_HIDDEN_WIDTH = 4.4
 """Inches of the picture that a page begins with: its words stay legible on a phone."""
 
 # Paul Tol's muted scheme, which colour-blind readers can tell apart, and a grey for all other assets together.
@@ -89,7 +89,7 @@ def draw_hidden(result: Backtest, folder: Path) -> list[Path]:
     names, rows = result.names, np.arange(len(result.names))[::-1]
     kinds = {"face_value": "naive observer, at face value", "followed": "aware, from all weights"}
     namings = {"face_value": "share_regime_named", "followed": "share_regime_named_followed"}
-    with drawing(_HIDDEN_WIDTH, 0.5 * len(names) + 1.4) as (figure, axis):
+    with drawing(_HIDDEN_WIDTH, 0.5 * len(names) + 1.5) as (figure, axis):
         for row, name in zip(rows, names, strict=True):
             for key, (size, fill, lift) in zip(kinds, ((8, "none", _LIFT), (6, "full", -_LIFT)), strict=True):
                 style = {"marker": "o", "markersize": size, "fillstyle": fill, "color": look_of(name).colour}
@@ -115,7 +115,7 @@ def draw_hidden(result: Backtest, folder: Path) -> list[Path]:
         axis.set_yticks(rows, [spelled(name) for name in names])
         axis.set_ylim(-0.6, len(names) - 0.4)
         axis.set_xlim(left=0.0)
-        axis.set_xlabel("error of the observer's estimate of the belief, root mean square")
+        axis.set_xlabel("error of the observer's estimate of the belief,\nroot mean square")
         figure.legend(loc="outside lower center", ncols=2, columnspacing=1.0, handletextpad=0.3)
         return save_figure(figure, folder, "hidden")
 
@@ -200,7 +200,7 @@ def draw_privacy_and_cost(result: Backtest, folder: Path) -> list[Path]:
         below.margins(x=0.01)
         above.set_ylabel("privacy Ψ")
         middle.set_ylabel("regret, % of |c*|")
-        below.set_ylabel("wealth after costs")
+        below.set_ylabel("wealth after costs,\nat the start 1")
         if np.divide(*below.get_ylim()[::-1]) > _WIDE or below.get_ylim()[0] <= 0:
             below.set_yscale("log")
             _plain_ticks(below.yaxis)
@@ -261,8 +261,6 @@ def draw_month(result: Backtest, folder: Path, step: int) -> list[Path]:
     belief = result.beliefs.to_numpy()[step]
     with drawing(PAGE_WIDTH, 4.0, subplot_kw={"projection": "ternary"}) as (figure, axis):
         ternary_labels(axis, result.regimes)
-        for side in (axis.taxis, axis.laxis, axis.raxis):
-            side.labelpad = 8.0  # clear of markers on the corners
         every = result.beliefs.to_numpy()
         axis.plot(*every.T, color=_OTHERS, marker=".", markersize=2, linestyle="none", label="beliefs at other times")
         for name in result.names:

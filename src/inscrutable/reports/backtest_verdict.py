@@ -12,6 +12,7 @@ from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest
 from inscrutable.experiments.backtest_sequential import SHARE_OF_SILENCE
 from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
 from inscrutable.experiments.performance import LEVEL
+from inscrutable.labels import listed
 from inscrutable.reports.names import FULL_NAMES, full_name
 
 _POINTS = 1e4  # basis points of a return
@@ -41,9 +42,9 @@ def answer(result: Backtest) -> str:
     parts: list[str] = []
     for whom in filter(groups.__contains__, _WHOM.values()):
         names = groups[whom]
-        prices = _and([_basis_points(figures[name]["mean_regret"]) for name in names])
+        prices = listed([_basis_points(figures[name]["mean_regret"]) for name in names])
         verb = f"hide the investor's belief over {len(result.regimes)} market regimes" if not parts else "hide it"
-        parts.append(f"{_and([full_name(name) for name in names])} weights {verb} from {whom}, at {prices}{unit}")
+        parts.append(f"{listed([full_name(name) for name in names])} weights {verb} from {whom}, at {prices}{unit}")
         unit = ""
     return f"In short: {'; '.join(parts)}."
 
@@ -92,7 +93,7 @@ def verdict(result: Backtest) -> list[str]:
     if not hiding:
         return lines
     if result.aware is None:
-        named = _and([f"{_share(figures[name]['share_regime_named'])} ({full_name(name)})" for name in hiding])
+        named = listed([f"{_share(figures[name]['share_regime_named'])} ({full_name(name)})" for name in hiding])
         lines.append(f"Read by the naive observer from altered weights: {named}.")
     else:
         asked = _asked(result)
@@ -120,7 +121,7 @@ def limits(result: Backtest) -> list[str]:
     hiding = result.names[1:]
     said = [f"{names}; each hides within a {budget}."] if hiding else [f"{names}."]
     if hiding:
-        sharpe = _and([f"{_change(result.figures[name])} ({name})" for name in hiding])
+        sharpe = listed([f"{_change(result.figures[name])} ({name})" for name in hiding])
         said.append(
             f"Realised: the yearly Sharpe ratio after trading costs, against the {FULL_NAMES['ODM']} weights, changes by "
             f"{sharpe}; in brackets {LEVEL:.0%} intervals."
@@ -142,11 +143,11 @@ def _price(result: Backtest, hiding: Sequence[str]) -> str:
     shares = [figures[name]["mean_regret_share"] for name in hiding]
     points = [f"{_basis_points(figures[name]['mean_regret'])} ({full_name(name)})" for name in hiding]
     word = result.market.frequency.word
-    price = f"Price: a regret of {_and(points)} basis points a {word} by the investor's own belief"
+    price = f"Price: a regret of {listed(points)} basis points a {word} by the investor's own belief"
     if not np.isfinite(shares).all():
         return f"{price}."  # c* is 0
     optimal = np.abs(result.episode.records[result.names[0]].decisions.optimal_cost).mean()
-    parts = _and([f"{share:.1%}" for share in shares])
+    parts = listed([f"{share:.1%}" for share in shares])
     return f"{price}, {parts} of |c*|, the size of the optimal cost, {_basis_points(optimal)} basis points a {word} on average."
 
 
@@ -179,8 +180,8 @@ def _ceilings(result: Backtest) -> list[str]:
     without, here = result.sequential.maker.chain.prior.error, result.figures[result.names[0]]["error_without"]
     where = "nearer to" if here < without else "farther from"
     return [
-        f"Ceiling: at the regret of {_and(list(known))}, no rule leaves the aware observer an error above "
-        f"{_and([f'{most:.2f}' for most in known.values()])}, in the long run of the fitted regimes. There the error without "
+        f"Ceiling: at the regret of {listed(list(known))}, no rule leaves the aware observer an error above "
+        f"{listed([f'{most:.2f}' for most in known.values()])}, in the long run of the fitted regimes. There the error without "
         f"weights is {without:.2f}; in these {result.market.frequency.word}s it is {here:.2f}, because their beliefs lie "
         f"{where} the long-run mean."
     ]
@@ -200,10 +201,6 @@ def _other_draws(result: Backtest) -> list[str]:
         f"The {FULL_NAMES[SEQUENTIAL]} rule draws its decisions: {held or 'none'} of {len(others)} other draws would have "
         "hidden the belief from the aware observer."
     ]
-
-
-def _and(words: Sequence[str]) -> str:
-    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 
 def cautions(result: Backtest) -> list[str]:
@@ -236,7 +233,7 @@ def _silence(result: Backtest) -> str:
     return (
         "Silence would have been cheaper: the best constant portfolio, known only in hindsight, reveals nothing and would have "
         f"cost {_POINTS * result.silence_regret:.3g} basis points a {result.market.frequency.word} instead of "
-        f"{_and([f'{_POINTS * each:.3g} ({full_name(name)})' for name, each in dearer.items()])}{beforehand}."
+        f"{listed([f'{_POINTS * each:.3g} ({full_name(name)})' for name, each in dearer.items()])}{beforehand}."
     )
 
 

@@ -174,11 +174,11 @@ def notes_of(comparison: Comparison) -> list[str]:
         "All decision makers of one budget spend the same expected regret under the prior, to a millionth from below; budgets "
         f"per belief are {per_belief}, scaled to that regret. A rule whose parameter is discrete, such as rounding or a delay, "
         "spends less; the first column says how much.",
-        _who_is_who(comparison),
-        "Errors: root mean square, Euclidean, of the observer's estimate, in units of belief. naive: takes decisions for "
-        "optimal; near-optimal: allows for the expected regret; budget-aware: knows the largest regret of any decision (both "
-        "with the prior); aware: knows the rule and the prior. Where no belief explains a decision to an observer, its "
-        "estimate is the belief that leaves it the least regret.",
+        *_who_is_who(comparison),
+        "An error is the root mean square of the Euclidean distance between the belief and the observer's estimate. The naive "
+        "observer takes decisions for optimal. The near-optimal one allows for the expected regret, the budget-aware one for "
+        "the largest regret of any decision; both know the prior. The aware one also has the rule. Where no "
+        "belief explains a decision to an observer, its estimate is the belief that leaves it the least regret.",
         *_columns_told(comparison),
         *_on_paths(comparison),
         "Repeated decisions are independent draws under the same belief and mechanism; their figures are sampled "
@@ -202,8 +202,8 @@ def notes_of(comparison: Comparison) -> list[str]:
 def _columns_told(comparison: Comparison) -> list[str]:
     """Return the definitions of the columns that are not errors."""
     return [
-        "regret: the expected one, as a share of the silence regret, the expected regret of the best constant decision, and "
-        "of the mean optimal cost E|c*|; worst: the largest regret of any decision that is played.",
+        "regret: the expected regret as a share of the silence regret, which is that of the best constant decision, and as a "
+        "share of the mean optimal cost E|c*|. worst: the largest regret of any decision that is played.",
         "privacy, naive: mean Euclidean distance of the belief from the beliefs for which the decision is optimal, over "
         f"decisions that are optimal for some. bits: mutual information of belief and decision, of the "
         f"{comparison.prior_entropy:.2f} bits of the prior.",
@@ -212,15 +212,18 @@ def _columns_told(comparison: Comparison) -> list[str]:
     ]
 
 
-def _who_is_who(comparison: Comparison) -> str:
-    told = [f"{name}: {_text_of(COMPARED[name])}" for name in comparison.makers if name in COMPARED]
-    return f"Decision makers. {'; '.join(told)}." if told else "Decision makers: as the caller named them."
+def _who_is_who(comparison: Comparison) -> list[str]:
+    """Return a note on each decision maker."""
+    told = [f"{name}: {_text_of(COMPARED[name])}." for name in comparison.makers if name in COMPARED]
+    return told or ["The decision makers have the names that the caller gave them."]
 
 
 def _text_of(chosen: Mapping[str, Any]) -> str:
     """Return the registry's description of a decision maker."""
     text = (MAKERS[chosen["name"]].__doc__ or "").partition("\n")[0].rstrip(".")
-    return text[0].lower() + text[1:] + (", here among the candidates alone" if "method" in chosen else "")
+    named = text.startswith("Dirichlet")
+    said = text if named else text[0].lower() + text[1:]
+    return said + (", here among the candidates alone" if "method" in chosen else "")
 
 
 def _on_paths(comparison: Comparison) -> list[str]:
@@ -241,7 +244,7 @@ def _on_paths(comparison: Comparison) -> list[str]:
         found.append(
             "sequential: depends on the observer's law of the belief and on the chain of beliefs. For several decisions on one "
             "belief there are two errors: the rule assumes the chain although the belief stays; or the rule knows that it "
-            "stays, at the same prices (rule knows it stays; its regret is told_regret in the CSV file). Long-run figures are "
+            'stays, at the same prices (columns "rule knows it stays"; comparison.csv has its regret). Long-run figures are '
             "simulated; the expected regret equals the requested one up to its standard error. Single decisions are judged by "
             "the rule's long-run law. stays half, twice as long: the error over time if beliefs stay half or twice as long as "
             "the rule assumes. ceiling: an upper bound of the aware observer's error over time for every rule of the same "

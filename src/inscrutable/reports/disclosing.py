@@ -55,10 +55,11 @@ def draw_disclosures(table: DisclosureTable, folder: Path) -> list[Path]:
         for row in (late or table.rows)[:_MOST_CURVES]:
             look = looks[row.disclosure]
             left.plot(steps, row.errors, look.line, color=look.colour, label=row.disclosure)
-        for axes, line in ((left, "axhline"), (right, "axvline")):
-            getattr(axes, line)(table.prior_error, color=BLACK, linestyle="--", linewidth=0.8)
+        dashed = {"color": BLACK, "linestyle": "--", "linewidth": 0.8}
+        left.axhline(table.prior_error, label="without decisions", **dashed)
+        right.axvline(table.prior_error, **dashed)
         left.xaxis.get_major_locator().set_params(integer=True)
-        left.set(xlabel="step", ylabel="error about the present belief", ylim=(0, 1.35 * table.prior_error or 1))
+        left.set(xlabel="step", ylabel="error about the present belief", ylim=(0, 1.45 * table.prior_error or 1))
         left.legend(ncols=2, loc="upper left")
         right.barh(
             places,

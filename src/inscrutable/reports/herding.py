@@ -40,7 +40,7 @@ def draw_herding(table: HerdingTable, folder: Path) -> list[Path]:
             place = frame.loc[name]
             right.plot(place["bits"], place["others"], look.marker, color=look.colour)
             right.annotate(label, (place["bits"], place["others"]), (4, 4), textcoords="offset points", fontsize=6)
-        left.set(xlabel="decisions seen", ylabel="probability that the public belief gives the truth", ylim=(None, 1.0))
+        left.set(xlabel="decisions seen", ylabel="public belief in the true state", ylim=(None, 1.0))
         left.legend(loc="upper left")
         right.axhline(0.0, color=BLACK, linestyle="--", linewidth=0.8)
         right.set(xlabel="leakage of the first decision, bits", ylabel="cost of hiding to the others")

@@ -145,7 +145,7 @@ def what_each_says(protection: Protection, step: int) -> dict[str, BeliefSet]:
     said = {"ODM": protection.optimal_sets[step]}
     for k, share in enumerate(lottery.probabilities):
         if share >= _SMALLEST_SHOWN:
-            said[f"PDM{'' if k == 0 else f' {k + 1}'}, {share:.1%}"] = lottery.belief_sets[k]
+            said[f"PDM, atom {k + 1}: {share:.1%}"] = lottery.belief_sets[k]
     said["CDM"] = protection.deterministic.belief_set[step]  # plotted last: a cross stays visible on an atom's square
     return said
 

@@ -17,6 +17,7 @@ from inscrutable.experiments.episodes import Episode
 from inscrutable.experiments.introduction import IntroductionClaim
 from inscrutable.experiments.reproduction import Reproduction
 from inscrutable.experiments.studies.executors import renewed_quietly
+from inscrutable.labels import listed
 from inscrutable.reports.simplex_plots import plot_actions, plot_beliefs
 from inscrutable.reports.style import COLUMN_WIDTH, drawing, save_figure
 from inscrutable.reports.time_plots import plot_costs, plot_privacy
@@ -119,7 +120,7 @@ def verdict(result: Reproduction) -> str:
     """Return one sentence: how many of the paper's claims hold."""
     counts = Counter(claim.verdict for claim in result.claims)
     parts = [f"{counts[each]} {words[counts[each] > 1]}" for each, words in _VERDICTS.items() if counts[each]]
-    said = " and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
+    said = listed(parts)
     return f"Of the paper's {len(result.claims)} claims, {said}, over {result.settings.markets} random markets."
 
 

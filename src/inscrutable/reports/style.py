@@ -173,5 +173,6 @@ def ternary_labels(axes: Any, names: tuple[str, ...]) -> None:
     axes.set_rlabel(as_written(names[2]))
     for axis in (axes.taxis, axes.laxis, axes.raxis):
         axis.set_label_position("corner")
+        axis.labelpad = 8.0  # clear of marks on the corners
         axis.set_ticks(np.linspace(0.2, 0.8, 4))
     axes.grid(True, linewidth=0.3, color="#cccccc")

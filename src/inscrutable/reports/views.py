@@ -55,6 +55,10 @@ def views_remarks(read: Mapping[Any, ImpliedViews]) -> list[str]:
     ]
 
 
+_SPOKEN = {"portfolio": "the portfolio", "mean": "the mean"}
+"""References that are no asset, within a sentence."""
+
+
 def write_views(read: Mapping[Any, ImpliedViews], folder: Path) -> list[Path]:
     """Write views.csv, summary.json and the picture of the last portfolio into a folder and return their paths.
 
@@ -99,7 +103,7 @@ def draw_views(views: ImpliedViews, axes: Any) -> None:
     told = (
         "implied expected return"
         if views.reference is None
-        else f"implied expected return less that of {views.reference}"
+        else f"implied expected return less that of {_SPOKEN.get(str(views.reference), views.reference)}"
     )
     axes[1].set_xlabel(f"{told}, %")
     axes[1].axvline(0.0, color=GREY, linewidth=0.5)

@@ -35,7 +35,7 @@ class AlphaRunner(TaskRunner):
         self.grid = rule_tasks(self.plan)
 
     def figures(self, task: Task) -> dict[str, float]:
-        """Return what one rule costs and tells; all rules of a repeat are in the same market."""
+        """Return the regret and the leakage of one rule; all rules of a repeat are in the same market."""
         of = task.parameters
         seeds = np.random.SeedSequence([self.plan.seed, of["repeat"]]), self.grid.task_seed(task)
         return figures_of(self.plan, of["persistence"], of["budget"], of["objective"], seeds)

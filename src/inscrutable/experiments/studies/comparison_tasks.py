@@ -44,7 +44,7 @@ _NAMED = ("maker", "budget")
 
 
 class ComparisonFile(ComparisonSettings, PlanFile):
-    """What is compared on which market."""
+    """The file of a comparison: the market, and the decision makers that are compared on it."""
 
     kind: Literal["comparison"] = "comparison"
     market: str = PAPER
@@ -87,7 +87,7 @@ class ComparisonRunner(TaskRunner):
 
 
 def tasks_on(plan: ComparisonFile, market: ComparedMarket) -> ComparisonTasks:
-    """Return what a study compares on a market."""
+    """Return the tasks of a study on a market."""
     return ComparisonTasks(Setting.of(market.problem, market.chain), plan, makers_of(plan.decision_makers))
 
 

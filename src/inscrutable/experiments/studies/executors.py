@@ -35,7 +35,7 @@ _LAST_PORT = 2**16 - 1
 
 
 class Chunks:
-    """Cuts tasks into chunks of about a second, by what the ones before took; remembers which are out."""
+    """Cuts tasks into chunks of about a second, by the time of earlier ones, and remembers which chunks are being done."""
 
     def __init__(self, numbers: Iterable[int]) -> None:
         self._numbers = iter(numbers)
@@ -48,13 +48,13 @@ class Chunks:
             yield chunk
 
     def came_back(self, rows: list[Row]) -> None:
-        """Learn from a chunk that is done."""
+        """Take note of a chunk that is done, and of the time that it took."""
         self.out.pop(rows[0].number, None)
         each = max(sum(row.duration for row in rows) / len(rows), _SECONDS / _MOST)
         self._size = max(1, min(int(_SECONDS / each), _GROWTH * self._size))
 
     def taken_back(self) -> list[list[int]]:
-        """Take back the chunks that are out, in order; later ones are small at first."""
+        """Return the tasks of unfinished chunks, in order; the next chunks are small at first."""
         waiting = sorted(self.out.values())
         self.out.clear()
         self._size = 1
@@ -62,7 +62,7 @@ class Chunks:
 
 
 def serial(work: Work, numbers: Iterable[int], keep: Keep) -> None:
-    """Do tasks in this process; what is done when Ctrl-C comes is kept."""
+    """Do tasks in this process; the rows that are done when Ctrl-C comes are kept."""
     batch: list[Row] = []
     kept_at = time.monotonic()
     try:
@@ -133,7 +133,7 @@ class _Alone:
             self._pool = None
 
     def rows(self, chunk: list[int]) -> list[Row]:
-        """Do a chunk; where that takes its process down, each of its tasks."""
+        """Do a chunk; if its process ends meanwhile, do each of its tasks alone."""
         from joblib.externals.loky.process_executor import TerminatedWorkerError
 
         for _ in range(_LOSSES):
@@ -149,7 +149,7 @@ class _Alone:
         return [lost_row(self._work, chunk[0])]
 
     def _start(self) -> None:
-        """Start a process, and see that it answers, unless there is one."""
+        """Start a process and wait until it answers, unless there is one already."""
         from joblib.externals.loky.process_executor import ProcessPoolExecutor, TerminatedWorkerError
 
         for _ in range(_LOSSES):
@@ -170,9 +170,9 @@ class _Alone:
 
 
 def _follow(parent: int) -> None:
-    """End this worker process soon after its parent, which may be killed: it would else wait minutes for more to do.
+    """End this worker process soon after its parent, which may be killed; otherwise it would wait minutes for tasks.
 
-    A parent that was killed while its workers were starting has gone before they look for it.
+    A parent that was killed while its workers were starting is gone before they look for it.
     """
     if os.name == "nt" and os.getppid() != parent:
         return  # there a process may be started through another
@@ -189,7 +189,7 @@ def _follow(parent: int) -> None:
 def _deaf_to_interrupts() -> Iterator[None]:
     """Start workers that ignore Ctrl-C, which a terminal sends to every process: this one receives it and ends the others.
 
-    They take the mask of signals over from the thread that starts them, and so do threads that replace them later.
+    Workers inherit the mask of signals from the thread that starts them, and so do those that replace them later.
     """
     from multiprocessing import resource_tracker
 
@@ -210,7 +210,7 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
 @contextmanager
 def renewed_quietly() -> Iterator[None]:
-    """Say nothing where a worker that has grown is replaced by a new one, which loses no task, or a run is stopped."""
+    """Suppress the warnings when a grown worker is replaced by a new one, which loses no task, or when a run is stopped."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"\d+ tasks ")
         warnings.filterwarnings("ignore", "A worker stopped while some jobs were given to the executor")
@@ -239,7 +239,7 @@ def on_cluster(address: str) -> Executor:
 
 
 def _check_address(address: str) -> None:
-    """Refuse what is no address: a client that is given one waits a minute before it gives up its thread."""
+    """Refuse what is no address: a client that is given such a text waits a minute before it gives up."""
     from distributed.comm.addressing import parse_address, parse_host_port
     from distributed.comm.registry import get_backend
 

@@ -1,7 +1,7 @@
 """Parts of a study that a user wrote: named by the caller as "module:name", known by version and source, imported to work.
 
-A study file only uses the names; the caller of the study names the module, never a file. What is kept
-with the rows says all that reading them needs, so that results are read without importing anything.
+A study file only uses the names; the caller of the study names the module, never a file. The rows are kept with all that is
+needed to read them, so that results are read without importing anything.
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ class Extension:
     """A user-defined part, as plain data.
 
     Args:
-        spec: Where it is, "module:name".
-        kind: What it is: "measure", "decision maker", "observer", "problem" or "emission".
+        spec: Its place, "module:name".
+        kind: Its kind: "measure", "decision maker", "observer", "problem" or "emission".
         given: Parameters that the study fills in.
         needed: Parameters that a study file must set.
-        defaults: Parameters that it may set; a list of values is then swept where the default is a number, text or truth.
+        defaults: Parameters that it may set; a list is swept where the default is a number, a text or a boolean.
         meaning: The first line of its documentation.
         sign: 1 for a measure that grows with privacy, else 0.
-        sha256: Of its source, and of all in its module that it refers to.
-        version: Of the module or its distribution; empty where neither says one.
+        sha256: The hash of its source and of all in its module that it refers to.
+        version: The version of the module or of its distribution; empty if neither states one.
     """
 
     spec: str
@@ -68,7 +68,7 @@ class Extension:
 
     @property
     def name(self) -> str:
-        """What a study file calls it."""
+        """Its name in a study file."""
         return self.spec.partition(":")[2]
 
     def __hash__(self) -> int:
@@ -76,10 +76,10 @@ class Extension:
 
 
 def extensions_of(specs: Iterable[str]) -> tuple[Extension, ...]:
-    """Return extensions by what a caller names them, in that order.
+    """Return the extensions that a caller names, in that order.
 
     Raises:
-        InputError: A name is malformed, cannot be imported, is no part of a study, or stands twice.
+        InputError: A name is malformed, cannot be imported, is no part of a study, or is given twice.
     """
     if isinstance(specs, str):
         raise InputError(f'extensions must be a list such as ["module:name"], got the text {specs!r}')
@@ -105,7 +105,7 @@ def from_text(text: str) -> tuple[Extension, ...]:
 
 
 def checked_again(kept: tuple[Extension, ...], specs: Iterable[str], plan: str) -> None:
-    """Raise `InputError` unless the caller names the extensions that were kept, and none that the plan (JSON) names changed."""
+    """Raise `InputError` unless the caller names the kept extensions, and none that the plan (JSON) uses has changed."""
     now = {each.spec: each for each in extensions_of(specs)}
     if set(now) != {each.spec for each in kept}:
         want = [each.spec for each in kept]
@@ -164,9 +164,9 @@ def _imported(spec: str) -> tuple[Any, str]:
 
 
 def _used(source: str, name: str) -> str:
-    """The statements of a module that define a name, or a name that these use, and so on; the whole source where none does.
+    """Return the statements of a module that define a name, or a name that these use, and so on; all if none defines it.
 
-    Imports and statements that define no name count always: what they do may change every part.
+    Imports and statements that define no name always count, because they may change every part.
     """
     statements = ast.parse(source).body
     defined = [_defined(each) for each in statements]

@@ -10,7 +10,7 @@ import numpy as np
 
 
 def flat(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
-    """Yield every number of a dataclass, mapping, array or sequence with its place as a name; None has none.
+    """Yield every number of a dataclass, mapping, array or sequence named by its place; None yields nothing.
 
     Example:
         >>> dict(flat({"a": np.array([1.0, 2.0]), "b": {"c": 3}}))
@@ -32,7 +32,7 @@ def flat(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
 
 
 def unflat(figures: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what `flat` took apart: mappings by name, arrays where names are places.
+    """Return the data that `flat` took apart: mappings by name, arrays where the names are numbers.
 
     Example:
         >>> unflat({"a.0": 1.0, "a.1": None, "b.c": 3})

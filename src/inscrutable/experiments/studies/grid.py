@@ -1,4 +1,4 @@
-"""The tasks of a grid: every combination of what its lists hold, each with an identity and random streams of its own."""
+"""The tasks of a grid: every combination of its lists' entries, each with an identity and random streams of its own."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Variant:
 
     @classmethod
     def of(cls, data: dict[str, Any] | None) -> Variant:
-        """Return the variant of plain data; None: nothing chosen."""
+        """Return the variant of plain data; None means that nothing is chosen."""
         return cls(data, canonical(data))
 
 
@@ -85,7 +85,7 @@ class StudyGrid:
         return Task(number, places, joined_text(self.parts(places)))
 
     def task_seed(self, task: Task) -> np.random.SeedSequence:
-        """Return the child seed of a task, which its identity decides."""
+        """Return the child seed of a task, which follows from its identity."""
         return self.seed(task.text)
 
     def parts(self, places: Sequence[int]) -> dict[str, str]:
@@ -106,13 +106,13 @@ class StudyGrid:
         }
 
     def seed(self, text: str) -> np.random.SeedSequence:
-        """Return the child seed of whatever a text identifies."""
+        """Return the child seed that belongs to a text."""
         key = identity(text)
         words = tuple(int(key[place : place + _WORD], 16) for place in range(0, len(key), _WORD))
         return np.random.SeedSequence(entropy=self.study.seed, spawn_key=words)
 
     def stream(self, use: str, places: Sequence[int], parts: Sequence[str]) -> np.random.Generator:
-        """Return the random stream for one use, which some parts of a task decide and no other part does."""
+        """Return the random stream for one use, which depends on some parts of a task and on no other."""
         texts = self.parts(places)
         chosen = {name: texts[name] for name in sorted(parts)}
         return np.random.default_rng(self.seed(joined_text({**chosen, "use": canonical(use)})))
@@ -124,7 +124,7 @@ def joined_text(parts: Mapping[str, str]) -> str:
 
 
 def variants(section: Section) -> list[Variant]:
-    """Return every combination of what the lists of a section hold."""
+    """Return every combination of the entries of a section's lists."""
     gridded = {name: value for name, value in section if isinstance(value, tuple) and name not in _FIXED}
     fixed = {name: _plain(value) for name, value in section if name not in gridded and value is not None}
     found = [fixed | dict(zip(gridded, choice, strict=True)) for choice in product(*gridded.values())]
@@ -151,7 +151,7 @@ def _budgets(section: BudgetSection) -> list[Variant]:
 
 
 def _problems(study: StudyFile, data_hash: str | None) -> list[Variant]:
-    """The problems; a network of the reader's own is named by the hash of its file."""
+    """Return the problems; a network from a file is named by the hash of the file."""
     found = variants(study.problem)
     if not isinstance(study.problem, DispatchSection):
         return found
@@ -162,7 +162,7 @@ def _problems(study: StudyFile, data_hash: str | None) -> list[Variant]:
 
 
 def _worlds(study: StudyFile, data_hash: str | None) -> list[Variant]:
-    """The worlds; large tables of numbers are named by a hash, for the sake of short rows."""
+    """Return the worlds; large tables of numbers are named by a hash, so that rows stay short."""
     world = study.world
     if isinstance(world, GivenWorld):
         data = world.model_dump(mode="json")

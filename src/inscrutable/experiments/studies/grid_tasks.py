@@ -1,4 +1,4 @@
-"""Doing the tasks of a grid: what tasks of the same market share is made once and kept while it is needed."""
+"""The runner of a grid: what tasks of the same market share is made once, and kept while it is needed."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class GridRunner(TaskRunner):
         return wanting(moving, self.study.rival)
 
     def _chain(self, places: Sequence[int], regimes: Regimes, public: str | int | None) -> BeliefChain:
-        """How the belief moves, with or without a public return; its law is the setting's prior."""
+        """Return the chain of the belief, with or without a public return; its law is the setting's prior."""
         section = self.grid.beliefs[places[2]].data
         assert section is not None
         assert regimes.world is not None

@@ -1,6 +1,6 @@
 """The kinds of study: the layout of each kind's file, its tasks, and their runner.
 
-A file names its kind; it can name none but these, so that a study file stays plain data.
+A file names its kind. It can name only these, so that a study file stays plain data.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def _check(plan: StudyFile, base: Path) -> None:
 
 
 def _fitted(plan: StudyFile, base: Path, grid: StudyGrid) -> list[dict[str, Any]]:
-    """What is read or fitted once and here, so that all machines work with the same digits: worlds, or a network."""
+    """Return the worlds or the network, read or fitted once and here, so that all machines work with the same digits."""
     own = _network(plan)
     if own is not None and isinstance(plan.problem, DispatchSection):
         return [plain_network(load_matpower(base / own, convention=plan.problem.convention))]
@@ -88,7 +88,7 @@ OTHER_KINDS: Mapping[str, Kind] = {
 
 
 def kind_named(name: str | None) -> Kind:
-    """Return a kind by the name in a file; None, where a file has none, is a grid."""
+    """Return a kind by its name in a file; None, for a file without a name, is a grid."""
     return OTHER_KINDS.get(name or "", GRID)
 
 
@@ -96,7 +96,7 @@ def layout_of_kind(name: str | None, extensions: tuple[Extension, ...]) -> type[
     """Return the layout of a kind's file that may name these extensions.
 
     Raises:
-        InputError: The kind is no grid, which alone can name some.
+        InputError: There are extensions and the kind is no grid, which alone can use them.
     """
     kind = kind_named(name)
     if not extensions:

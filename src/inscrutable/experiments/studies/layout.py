@@ -48,7 +48,7 @@ def _covariance(name: str) -> str:
 
 
 class GivenWorld(Section):
-    """Regimes with their means and covariances: of assets' returns, or of wind farms' output."""
+    """Regimes with given means and covariances of the assets' returns, or of the wind farms' output."""
 
     kind: Literal["given"]
     means: Matrix
@@ -72,8 +72,8 @@ class RandomWorld(Section):
 class FittedWorldSection(Section):
     """Regimes fitted to returns: the embedded ones, or a CSV beside the study file.
 
-    Their covariances are "sample", "ledoit-wolf" (shrunk) or "factor:K"; left out, they are those of the sample where there
-    are ten rows per regime and asset, else shrunk.
+    The covariances are "sample", "ledoit-wolf" (shrunk) or "factor:K". Without the key they are those of the sample if there
+    are ten rows per regime and asset, and shrunk otherwise.
     """
 
     kind: Literal["fitted"]
@@ -86,7 +86,7 @@ class FittedWorldSection(Section):
 
 
 class MarkowitzSection(Section):
-    """A portfolio: risk aversion and limits on weights."""
+    """A portfolio, with a risk aversion and limits on weights."""
 
     kind: Literal["markowitz"]
     risk_aversion: Grid[Positive] = (5.0,)
@@ -121,14 +121,14 @@ class StationaryBeliefs(Section):
 
 
 class PathBeliefs(Section):
-    """The filtered beliefs of one sampled path, each step the same weight."""
+    """The filtered beliefs of one sampled path, equally likely."""
 
     kind: Literal["path"]
     steps: Grid[Count] = (30,)
 
 
 class CandidateSection(Section):
-    """What decision makers choose from; without a resolution about 5,000 decoys."""
+    """The candidates from which decision makers choose; without a resolution they are about 5,000 decoys."""
 
     kind: Grid[Literal["decoys", "actions"]] = ("decoys",)
     resolution: Grid[Count] | None = None
@@ -175,9 +175,9 @@ JUDGED = ("error", "top_state")
 class BudgetSection(Section):
     """What is spent on privacy.
 
-    Units: "relative" is a share of |c*| at every belief, the paper's; "regret" the cost's own unit; "silence" a share of
-    the silence regret r₀; "cost" a share of E|c*|. `hold` is "each": the budget holds at every belief; or "mean": every
-    decision maker spends the same expected regret.
+    The unit "relative" is the paper's, a share of |c*| at every belief; "regret" is the cost's own unit; "silence" is a share
+    of the silence regret r₀; "cost" is a share of E|c*|. With `hold` "each" the budget holds at every belief; with "mean"
+    every decision maker spends the same expected regret.
     """
 
     values: Grid[NonNegative] = (0.1,)
@@ -207,7 +207,7 @@ class StudyFile(PlanFile):
     @model_validator(mode="before")
     @classmethod
     def _pays(cls, data: Any) -> Any:
-        """Add the regret to the measures asked for, and the errors without decisions where a protection is judged."""
+        """Return the measures with the regret added, and with the errors without decisions where hiding is judged."""
         asked = data.get("measures") if isinstance(data, dict) else None
         if isinstance(asked, str):
             asked = [asked]

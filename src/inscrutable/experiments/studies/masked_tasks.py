@@ -1,4 +1,4 @@
-"""Masked baskets as a study: one task is one thing that is shown of some funds."""
+"""Masked baskets as a study: one task is one kind of disclosure of some funds."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from inscrutable.experiments.studies.tasks import Listed, Task, TaskRunner, Work
 
 
 def shown_tasks(plan: MaskedBasketFile, data_hash: str | None = None) -> Listed:
-    """Return the tasks: each thing shown in every repeat."""
+    """Return the tasks: each kind of disclosure in every repeat."""
     kept = plan.model_dump(mode="json", exclude={"kind", "name", "note", "seed", "shown", "repeats"})
 
     def named(number: int) -> dict[str, Any]:

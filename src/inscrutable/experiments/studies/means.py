@@ -25,7 +25,7 @@ _SPOKEN = ("public",)  # keys whose words say nothing alone
 
 @dataclass(frozen=True)
 class Figure:
-    """A measure, and the observer it belongs to where it is one's.
+    """A measure, and the observer that it belongs to, if there is one.
 
     Args:
         measure: Its name in the study.
@@ -56,14 +56,14 @@ class StudyMeans:
     """Means of a study's figures over its repeats; S settings, P plays (decision maker and budget), F figures.
 
     Args:
-        settings: What varies of market, beliefs and candidates, one text per setting.
+        settings: The entries of market, beliefs and candidates that vary, one text per setting.
         makers: The decision maker of each play.
         budgets: The amount each play spends; None where it takes no budget.
-        figures: What the columns are.
+        figures: The figures, one per column.
         count: Repeats with a number, shape (S,P,F).
         mean: Mean over them, shape (S,P,F); NaN without any.
-        half_width: Half of the 95 % interval (Student's t over the repeats), shape (S,P,F); NaN below two.
-        quantiles: Least, quartiles and greatest, shape (S,P,F,5).
+        half_width: Half of the 95 % interval (Student's t over the repeats), shape (S,P,F); NaN for fewer than two repeats.
+        quantiles: The least, the quartiles and the greatest, shape (S,P,F,5).
     """
 
     settings: tuple[str, ...]
@@ -87,11 +87,11 @@ class StudyMeans:
 
     @property
     def middle_budget(self) -> float | None:
-        """The budget that verdicts speak of, the lower of two middle ones; None without any."""
+        """The budget of the verdicts, the lower of two middle ones; None without any."""
         return self.amounts[(len(self.amounts) - 1) // 2] if self.amounts else None
 
     def first_setting(self, places: Sequence[int] | None = None) -> int:
-        """Return which of some settings, or of all, verdicts speak of: the first that has figures, else the first."""
+        """Return the setting of the verdicts, among some or all: the first that has figures, else the first."""
         held = range(len(self.settings)) if places is None else places
         return int(self.count[list(held)].any(axis=(1, 2)).argmax())
 
@@ -151,7 +151,7 @@ def _values(grid: StudyGrid, frame: pd.DataFrame) -> Array:
 
 
 def _any_of(found: Array) -> Array:
-    """The same figure from whichever observer's task is done."""
+    """Return the figure, which is the same for all observers, from any task that is done."""
     first = found[..., 0].copy()
     for place in range(1, found.shape[-1]):
         first = np.where(np.isnan(first), found[..., place], first)
@@ -159,7 +159,7 @@ def _any_of(found: Array) -> Array:
 
 
 def _over_repeats(table: Array) -> tuple[np.ndarray, Array, Array, Array]:
-    """Count, mean, half width and quantiles over axis 1; NaN is no number."""
+    """Return count, mean, half width and quantiles over axis 1; NaN does not count."""
     from scipy.stats import t
 
     known = ~np.isnan(table)
@@ -174,7 +174,7 @@ def _over_repeats(table: Array) -> tuple[np.ndarray, Array, Array, Array]:
 
 
 def _quantiles(rising: Array, count: np.ndarray) -> Array:
-    """Quantiles along axis 1 of numbers that rise, NaN last; between two of them on a straight line."""
+    """Return quantiles along axis 1 of rising numbers with NaN last, interpolated linearly."""
     at = np.array(QUANTILES) * np.maximum(count - 1, 0)[..., None]
     low = np.floor(at).astype(np.intp)
     below, above = (
@@ -193,9 +193,9 @@ def _settings(grid: StudyGrid) -> tuple[str, ...]:
 
 
 def labels(choices: Sequence[Variant], *, name: str | None = None, prefix: str = "") -> list[str]:
-    """Return what distinguishes choices, one text each: those of the same name by the entries that differ among them.
+    """Return a text for each choice that distinguishes it: its name, and the entries that differ among choices of that name.
 
-    An entry that one of them lacks counts only where they are the same without it.
+    An entry that one of them lacks counts only if the choices are the same without it.
     """
     data = [choice.data or {} for choice in choices]
     found = [_label(each, data, name, prefix) for each in data]
@@ -213,7 +213,7 @@ def _label(
 
 
 def _entry(prefix: str, key: str, value: object) -> str:
-    """A word speaks for itself, a number does not; with a prefix the key is that of the file and of the exported rows."""
+    """Return an entry as text: a word alone, a number with its key; with a prefix the key is that of the file and the rows."""
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if prefix:
         return f"{prefix}{key} = {value:g}" if number else f"{prefix}{key} = {value}"

@@ -24,7 +24,7 @@ _Check = Callable[[Any, Any, Any, int], Any]
 
 
 def own_part(extension: Extension, given: Mapping[str, Any], keys: Mapping[str, Any]) -> Any:
-    """Return a part, made with what the study fills in, of what it asks for, and the file's keys.
+    """Return a part, made with the file's keys and with those of its parameters that the study fills in.
 
     Raises:
         InputError: It cannot be made; later, where one of its methods fails or returns what it must not.
@@ -77,7 +77,7 @@ def _guarded(own_class: Any, spec: str, kind: str, n_states: int) -> Any:
 
 
 def _is_own(own_class: type, name: str) -> bool:
-    """Whether a method is a user's: the library's need no check."""
+    """Whether a method is the user's; those of the library need no check."""
     method = getattr(own_class, name, None)
     return inspect.isfunction(method) and not method.__module__.startswith("inscrutable.")
 
@@ -92,7 +92,7 @@ def _checked(method: Callable[..., Any], said: str, check: _Check, n_states: int
 
 
 def _whole(kind: str, part: Any, problem: Any) -> int:
-    """Check what a part is besides its methods; return the number of states."""
+    """Check the attributes of a part; return the number of states."""
     if kind == MAKER:
         checked_memoryless(part)
     if kind == PROBLEM:

@@ -92,7 +92,7 @@ class OwnWorld(Section):
 
 
 def _keys(extension: Extension) -> dict[str, Any]:
-    """The keys of an extension: a number, text or truth may be a list to sweep, every other value is one."""
+    """Return the keys of an extension: a number, a text or a boolean may be a list to sweep, any other value may not."""
     found: dict[str, Any] = dict.fromkeys(extension.needed, (Any, ...))
     for name, default in extension.defaults.items():
         found[name] = (Any, None) if default is None else (_grid[_SCALAR], (default,))
@@ -117,7 +117,7 @@ def _own_measure(extension: Extension) -> Measure:
 
 
 def _measured(extension: Extension, observed: Observed) -> float:
-    """The mean of a privacy measure over beliefs and decisions, or a function of the mechanism."""
+    """Return the mean of a privacy measure over beliefs and decisions, or the value of a function of the mechanism."""
     thing = loaded(extension)
     problem, played = observed.setting.problem, observed.behaviour.mechanism
     if not isinstance(thing, PrivacyMeasure) and not isinstance(thing, type):
@@ -134,7 +134,7 @@ def _measured(extension: Extension, observed: Observed) -> float:
 
 
 def _hiding(kind: type[CounterAdversarial | Probabilistic], own: Mapping[str, Extension]) -> Any:
-    """A decision maker that may also maximise user-defined privacy measures."""
+    """Return a decision maker's section that may also maximise user-defined privacy measures."""
     made: Any = _create(
         kind.__name__,
         __base__=kind,

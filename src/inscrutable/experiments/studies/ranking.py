@@ -24,9 +24,9 @@ class Ranking:
     Args:
         plays: Those that are ranked.
         values: The figure of each, at the expected regret at which they are compared.
-        spenders: All of them, those that cannot spend as little among them.
+        spenders: All decision makers, also those that cannot spend as little.
         spent: What each of these spends itself; NaN where that was not measured.
-        regret: The expected regret at which they are compared; None where all spend the same, or nothing is known of it.
+        regret: The expected regret at which they are compared; None where all spend the same, or where it is not known.
     """
 
     plays: tuple[int, ...]
@@ -120,7 +120,7 @@ def protection(means: StudyMeans, setting: int, budget: float | None) -> list[st
 
 
 def _known(means: StudyMeans, setting: int, measure: str, observer: str) -> float:
-    """A figure that is the same for every play, the observer's own where it has one; NaN where it was not measured."""
+    """Return a figure that is the same for every play, the observer's own if it has one; NaN if it was not measured."""
     place = means.place.get(f"{measure}, {observer}", means.place.get(measure))
     found = np.array([]) if place is None else means.mean[setting, :, place]
     return float(next(iter(found[~np.isnan(found)]), np.nan))
@@ -142,7 +142,7 @@ def times_the_least(means: StudyMeans, setting: int, budget: float | None) -> Ar
 
 
 def _paid(means: StudyMeans, setting: int) -> Array:
-    """The expected regret of every play; NaN where it was not measured."""
+    """Return the expected regret of every play; NaN where it was not measured."""
     if PAID not in means.place:
         return np.full(len(means.makers), np.nan)
     return np.asarray(means.mean[setting, :, means.place[PAID]])
@@ -154,7 +154,7 @@ def _spends(paid: Array) -> np.ndarray:
 
 
 def _at(means: StudyMeans, setting: int, play: int, figure: int, regret: float) -> float:
-    """A play's figure at an expected regret; NaN where its decision maker cannot spend so little."""
+    """Return a play's figure at an expected regret; NaN where its decision maker cannot spend so little."""
     paid, measured = _paid(means, setting), means.mean[setting, :, figure]
     if paid[play] <= (1.0 + SAME_COST) * regret:
         return float(measured[play])

@@ -64,7 +64,7 @@ def checked_study(data: Any, source: StudySource, extensions: tuple[Extension, .
 def _layout(
     data: dict[str, Any], source: StudySource | None = None, extensions: tuple[Extension, ...] = ()
 ) -> type[PlanFile]:
-    """What a file may hold, by the kind that it names; a file that names none is a grid."""
+    """Return the layout of a file, by the kind that it names; a file that names none is a grid."""
     name = data.get("kind")
     if source is not None and "kind" in data and name not in OTHER_KINDS:
         near = nearest(str(name), OTHER_KINDS)
@@ -106,7 +106,7 @@ def _said(
 
 
 def _expected(problem: ErrorDetails) -> str:
-    """What was expected of a value, in a file's words."""
+    """Return what was expected of a value, in the words of a file."""
     if problem["type"] == "model_attributes_type" and problem["loc"][0] in _BY_NAME:
         return "should be a name, or a table with the key name"
     return expected(problem)
@@ -151,7 +151,7 @@ def _known_keys(
 
 
 def _without_tags(place: tuple[int | str, ...], data: Any) -> Place:
-    """A place in the file: without the names that pydantic adds for a choice, and places in a list that is none."""
+    """Return a place in the file, without the names that pydantic adds for a choice, and without indices of no list."""
     found: list[int | str] = []
     here = data
     for last, part in ((number == len(place) - 1, each) for number, each in enumerate(place)):
@@ -169,7 +169,7 @@ def _tag(section: dict[str, Any]) -> tuple[Any, ...]:
 
 
 def _check_together(study: StudyFile, source: StudySource) -> None:
-    """Refuse parts that are well formed, but do not go together."""
+    """Refuse parts that are well formed but do not fit together."""
     _check_size(study, source)
     _check_followed(study, source)
     world = study.world
@@ -220,7 +220,7 @@ def _check_followed(study: StudyFile, source: StudySource) -> None:
 
 
 def _check_size(study: StudyFile, source: StudySource) -> None:
-    """Refuse what no machine has room for, and more tasks than any does."""
+    """Refuse sizes that no machine has room for, and more tasks than any machine does."""
     demand = too_large(study)
     if demand is not None:
         raise InputError(f"{source.at(demand.place)}: {demand.refusal()}")

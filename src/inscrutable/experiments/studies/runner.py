@@ -1,4 +1,4 @@
-"""Running a study: the tasks that have no row yet are done, and their rows kept."""
+"""Run a study: do the tasks that have no row yet, and keep their rows."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ _PACKAGES = ("inscrutable", "numpy", "scipy", "numba", "daqp", "pandas", "pydant
 
 @dataclass(frozen=True)
 class StudyProgress:
-    """How far a run is.
+    """The progress of a run.
 
     Args:
         done: Tasks that have a row, failed ones included.
         failed: Those that failed.
         total: Tasks in all.
         fresh: Tasks done since this run began.
-        seconds: Time since then.
+        seconds: Time since the run began.
         asked: Tasks that this run is to do.
     """
 
@@ -52,12 +52,12 @@ class StudyProgress:
 
     @property
     def rate(self) -> float:
-        """Tasks a second since this run began."""
+        """Tasks per second since this run began."""
         return self.fresh / self.seconds if self.seconds > 0 else 0.0
 
     @property
     def seconds_left(self) -> float | None:
-        """Time left at that rate; None before the first task is done."""
+        """Time left at the present rate; None before the first task is done."""
         return (self.asked - self.fresh) / self.rate if self.rate > 0 else None
 
 
@@ -79,7 +79,7 @@ def run_study(
     Args:
         study: A study, or the path of its TOML file.
         out: Folder for study.sqlite and manifest.json, without a study yet.
-        jobs: Processes on this machine; −1 is one per core. Changes nothing but the time.
+        jobs: Processes on this machine; −1 is one per core. The number changes nothing but the time.
         cluster: Address of a Dask scheduler, such as tcp://10.0.0.1:8786, whose workers then do the tasks.
         limit: Most tasks to do now, spread evenly over the grid; `resume_study` does the others. None does all.
         progress: Called with a `StudyProgress` after every batch of rows.
@@ -91,7 +91,7 @@ def run_study(
 
     Raises:
         InputError: The study is malformed, the folder cannot be written to, holds a study already, or is in use; the disk is
-            full: rows stored before are kept, and `resume_study` goes on.
+            full. Rows that were stored before are kept, and `resume_study` goes on.
 
     Cost: the tasks', and some hundredths of a second beside each second of them.
 
@@ -128,7 +128,7 @@ def run_study(
 
 
 def _taken(folder: Path, chosen: Study) -> str:
-    """What to say of a folder that holds a study."""
+    """Return the message for a folder that holds a study."""
     held = Study.load(folder)
     if (held.plan, held.data_hash) == (chosen.plan, chosen.data_hash):
         return f"{folder} holds this study already: go on with `inscrutable study resume {folder}`, or run into another folder"
@@ -148,13 +148,13 @@ def resume_study(
     """Do the tasks of a study that have no row yet.
 
     Args:
-        folder: Where the study was run into.
+        folder: The folder of the study.
         jobs: As for `run_study`.
         cluster: As for `run_study`.
         retry: Whether tasks that failed are done again.
         limit: As for `run_study`.
         progress: As for `run_study`.
-        extensions: Those that it was begun with; one whose source has changed is refused.
+        extensions: The extensions that it was begun with; one whose source has changed is refused.
 
     Returns:
         The study with its rows: the same as if it had never stopped.
@@ -190,7 +190,7 @@ def resume_study(
 
 
 def _say_what_changed(store: Store) -> None:
-    """Warn where a study is gone on with by other versions: rows may then differ in more than their order."""
+    """Warn if other versions continue a study: rows may then differ in more than their order."""
     with speaking(store.folder):
         before = json.loads(store.fact("manifest") or "{}").get("versions", {})
     now = versions()
@@ -204,7 +204,7 @@ def _say_what_changed(store: Store) -> None:
 
 
 def executor(jobs: int, cluster: str | None) -> Executor:
-    """Return the way of doing tasks that is asked for, or raise `InputError`."""
+    """Return the executor that is asked for, or raise `InputError`."""
     validation.processes(jobs, "jobs")
     if cluster is not None and jobs != 1:
         raise InputError(f"jobs={jobs} and a cluster exclude one another: a cluster has workers of its own")
@@ -214,7 +214,7 @@ def executor(jobs: int, cluster: str | None) -> Executor:
 
 
 def facts_of(study: Study) -> dict[str, str]:
-    """What the store is to know from the start, so that nothing outside it is needed to go on."""
+    """Return the facts that the store holds from the start, so that nothing outside it is needed to go on."""
     manifest = {
         "study": study.plan.model_dump(mode="json", exclude_none=True),
         "seed": study.plan.seed,
@@ -233,7 +233,7 @@ def facts_of(study: Study) -> dict[str, str]:
 
 
 def versions() -> dict[str, str]:
-    """Return what the figures may hang on: Python, packages and the kind of machine."""
+    """Return the versions on which figures may depend: Python, packages and the kind of machine."""
     machine = {"python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
     return machine | {name: version(name) for name in _PACKAGES}
 
@@ -261,7 +261,7 @@ def continued(store: Store, execute: Executor, progress: Watch | None, *, limit:
 
 
 def _failed_left(store: Store, *, retry: bool) -> tuple[int, int]:
-    """Rows that stay as they are, and how many of them failed."""
+    """Return the number of rows that stay as they are, and how many of them failed."""
     counts = store.counts()
     failed = counts.get(FAILED, 0)
     return (sum(counts.values()) - failed, 0) if retry else (sum(counts.values()), failed)
@@ -293,7 +293,7 @@ class _Keeper:
         self.said()
 
     def said(self) -> None:
-        """Tell the watcher how far it is."""
+        """Report the progress."""
         if self._progress is not None:
             seconds = time.monotonic() - self._started
             done = self._done + self._fresh

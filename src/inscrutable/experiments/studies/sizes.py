@@ -1,4 +1,4 @@
-"""Sizes that no machine has room for are refused before anything is made, with what would fit."""
+"""Limits on sizes: what no machine has room for is refused before anything is made, with the largest that fits."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _GIGABYTE = 2.0**30
 
 
 class Demand(NamedTuple):
-    """What one key of a study asks room for.
+    """The memory that one key of a study asks for.
 
     Args:
         place: The key.
-        value: What it holds.
-        table: What is made of it.
-        size: How many numbers that has, for any value of the key.
+        value: Its value.
+        table: The table that is made of it.
+        size: Returns how many numbers the table has, for any value of the key.
     """
 
     place: Place
@@ -35,11 +35,11 @@ class Demand(NamedTuple):
 
     @property
     def fits(self) -> bool:
-        """Whether there is room."""
+        """Whether it fits into memory."""
         return self.size(self.value) <= MOST_NUMBERS
 
     def refusal(self) -> str:
-        """Return what is too large, and what is not."""
+        """Return the message on what is too large, and on what fits."""
         taken = self.size(self.value)
         room = (
             f"{taken:.3g} numbers, {8.0 * taken / _GIGABYTE:.3g} GB" if taken < exp(_LARGE) else "more than any machine"
@@ -67,7 +67,7 @@ _LARGE = 100.0  # logarithm from which a number of points is no longer computed
 
 
 def points(coordinates: int, resolution: int) -> float:
-    """Return about how many points a regular grid on the simplex has, however many that are."""
+    """Return approximately how many points a regular grid on the simplex has, also if they are very many."""
     exponent = lgamma(resolution + coordinates) - lgamma(coordinates) - lgamma(resolution + 1)
     return exp(min(exponent, 2.0 * _LARGE))
 
@@ -109,7 +109,7 @@ def _grid_of(kind: str, coordinates: int, resolution: int, width: int) -> Demand
 
 
 def _laws(study: StudyFile, regimes: int, assets: int) -> Iterator[Demand]:
-    """What the law of beliefs asks for: its grid, its path, and the chances of every candidate under every belief."""
+    """Return the demands of the law of beliefs: its grid, its path, and the probability of each candidate at each belief."""
     steps = getattr(study.beliefs, "steps", ())
     for each in steps:
         yield Demand(("beliefs", "steps"), each, "a path of observations", lambda n: float(n) * (regimes + assets))
@@ -134,7 +134,7 @@ def _fewest_beliefs(study: StudyFile, regimes: int) -> float:
 
 
 def too_many(plan: PlanFile, total: int) -> str | None:
-    """Return why a study has more tasks than any machine does, which a slip of the keyboard asks for; None if it has not."""
+    """Return the message for a study with more tasks than any machine can do, such as by a typing error; else None."""
     if total <= MOST_TASKS:
         return None
     made_of = ""

@@ -2,8 +2,8 @@
 
 The journal is a rollback journal (DELETE) with full synchronisation, not a write-ahead log. A batch is then either wholly
 in the one file or, after a kill or on a full disk, rolled back from the journal at the next opening; no second file has to
-be kept, copied or writable for the rows to be complete, a disk that is full says so before the file is touched, and it works
-on network drives, where a write-ahead log does not. Batches are a second apart, so the slower commit costs nothing.
+be kept, copied or writable for the rows to be complete, a full disk is noticed before the file is touched, and the journal
+works on network drives, where a write-ahead log does not. Batches are a second apart, so the slower commit costs nothing.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Store:
         self._connection.close()
 
     def fact(self, name: str) -> str | None:
-        """Return a fact, or None where it is not known."""
+        """Return a fact; None if it is not known."""
         with speaking(self.folder):
             found = self._connection.execute("SELECT value FROM facts WHERE name = ?", (name,)).fetchone()
         return None if found is None else str(found[0])
@@ -100,7 +100,7 @@ class Store:
 
 @contextmanager
 def speaking(folder: Path) -> Iterator[None]:
-    """Turn what SQLite says of the disk, and texts that are not whole, into one clear error."""
+    """Turn SQLite's errors of the disk, and incomplete texts, into one clear error."""
     try:
         yield
     except sqlite3.OperationalError as error:
@@ -119,7 +119,7 @@ def _code(error: sqlite3.Error) -> int:
 
 
 def damaged(folder: Path, why: str) -> InputError:
-    """Return the error for a file that is not whole."""
+    """Return the error for a damaged file."""
     return InputError(
         f"{folder / STORE} is damaged or no store of a study ({' '.join(why.split()) or 'it is not whole'}); it was left as "
         "it is. "
@@ -128,7 +128,7 @@ def damaged(folder: Path, why: str) -> InputError:
 
 
 def created(folder: Path, facts: dict[str, str]) -> Store:
-    """Return a new store that holds facts and no rows; the file is there whole or not at all."""
+    """Return a new store that holds facts and no rows; its file is written whole or not at all."""
     with speaking(folder), whole_file(folder / STORE) as temporary, closing(_connected(temporary, "rwc")) as connection:
         connection.executescript(_SCHEMA)
         connection.executemany("INSERT INTO facts VALUES (?, ?)", facts.items())
@@ -141,7 +141,7 @@ def opened(folder: Path, *, writable: bool = False) -> Store:
     """Return the store of a folder, to read or to write.
 
     Raises:
-        InputError: There is none, it is damaged, or it is one of another version.
+        InputError: There is no store, or it is damaged or of another version.
     """
     path = folder / STORE
     if not path.is_file():

@@ -33,7 +33,7 @@ PathLike = str | os.PathLike[str]
 
 @dataclass(frozen=True)
 class StudyStatus:
-    """How far a study is.
+    """The progress of a study.
 
     Args:
         done: Tasks with figures.
@@ -223,7 +223,8 @@ class Study(Summarised):
         """Return its grid and its rows; raise `InputError` for a study of another kind."""
         if not isinstance(self.grid, StudyGrid):
             raise InputError(
-                f"{self.plan.name} is no grid of settings, so it has no means over repeats; its frame has all rows"
+                f"{self.plan.name} is no grid of settings, so it has no page and no means over repeats; "
+                "`inscrutable study export` writes its rows"
             )
         return self.grid, self.frame()
 

@@ -1,4 +1,4 @@
-"""Which keys of its settings a study sweeps, and which of them stand on an axis, as curves, and as facets."""
+"""The keys that a study sweeps over its settings, and which of them are drawn on an axis, as curves and as facets."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Curve:
     Args:
         name: Its label.
         maker: The decision maker.
-        settings: The setting at each value of the axis; None where there is none.
+        settings: The setting at each value of the axis; None where the study has none.
     """
 
     name: str
@@ -35,10 +35,10 @@ class Sweep:
 
     Args:
         axis: The key on the axis.
-        values: Its values, in order; numbers, or words that stand side by side.
+        values: Its values, in order: numbers, or words side by side.
         curves_of: The key whose values are the curves; empty where these are the decision makers.
         facets: Titles with their curves.
-        left_out: What is swept and not drawn, in words; empty where all is.
+        left_out: The swept keys that are not drawn, in words; empty if all are.
     """
 
     axis: str
@@ -49,15 +49,15 @@ class Sweep:
 
     @property
     def is_numeric(self) -> bool:
-        """Whether the axis is one of numbers."""
+        """Whether the values on the axis are numbers."""
         return all(map(_is_number, self.values))
 
 
 def sweep_of(grid: StudyGrid, makers: Sequence[str]) -> Sweep | None:
     """Return the figures of a study whose settings sweep at least one key; None for others.
 
-    On the axis stands the key of numbers with most values, or that of words where there is none; the next one makes the
-    curves. With one key the curves are the decision makers. At most `MOST_CURVES` are drawn in a figure, and `MOST_FACETS`.
+    The axis is the key of numbers with most values, or a key of words if there is none; the next key makes the curves. With one
+    key the curves are the decision makers. A figure has at most `MOST_CURVES` curves; there are at most `MOST_FACETS` figures.
     """
     settings = _settings(grid)
     keys = {key: _ordered([each.get(key, _LACKING) for each in settings]) for each in settings for key in each}
@@ -92,7 +92,7 @@ def sweep_of(grid: StudyGrid, makers: Sequence[str]) -> Sweep | None:
 
 
 def _settings(grid: StudyGrid) -> list[dict[str, Any]]:
-    """The keys of every setting, in the order of the study's means."""
+    """Return the keys of every setting, in the order of the study's means."""
     parts = {"world": grid.worlds, "problem": grid.problems, "beliefs": grid.beliefs, "candidates": grid.candidates}
     found: list[dict[str, Any]] = [{}]
     for part, choices in parts.items():
@@ -106,7 +106,7 @@ def _plain(value: Any) -> Any:
 
 
 def _ordered(values: list[Any]) -> tuple[Any, ...]:
-    """Different values: numbers as they rise, words as they stand."""
+    """Return the different values: numbers in rising order, words in the order of the file."""
     found = list(dict.fromkeys(values))
     return tuple(sorted(found)) if all(map(_is_number, found)) else tuple(found)
 
@@ -120,5 +120,5 @@ def _said(key: str, value: Any) -> str:
 
 
 def _rest(counted: list[tuple[str, int, int]]) -> str:
-    """What is more than a figure shows."""
+    """Return, in words, what exceeds the room of the figures."""
     return "; ".join(f"{most} of {count} {what} are drawn" for what, count, most in counted if count > most)

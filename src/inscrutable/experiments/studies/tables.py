@@ -20,7 +20,7 @@ _SHORT = {"decision_maker": "name", "adversary": "name", "budget": "amount"}
 
 
 def table_of(grid: StudyGrid, rows: Iterable[Row], durations: bool) -> pd.DataFrame:
-    """Return rows in the order of the grid: identity, what varies, status, figures, and why it failed."""
+    """Return rows in the order of the grid: identity, varying keys, status, figures, and the reason of a failure."""
     shown = {
         **{part: (part, key) for part, key in _SHORT.items()},
         "repeat": ("repeat", None),
@@ -36,14 +36,14 @@ def plain_table(
     shown: Mapping[str, tuple[str, str | None]] | None = None,
     measures: Sequence[str] | None = None,
 ) -> pd.DataFrame:
-    """Return rows of any kind in order: identity, parameters, seed, status, figures, why it failed.
+    """Return rows of any kind in order: identity, parameters, seed, status, figures, and the reason of a failure.
 
     Args:
         grid: The tasks.
         rows: The rows.
         durations: Whether to add the seconds that each task took.
-        shown: Columns of parameters: the part of them, and its entry where it has some; None shows every part.
-        measures: The figures; None is every one that a row has.
+        shown: The columns of parameters, each a part and an entry of it, if it has any; None shows every part.
+        measures: The figures; None means all that some row has.
     """
     held = list(rows)
     index = pd.Index([row.number for row in held], name="number", dtype="int64")
@@ -72,7 +72,7 @@ def _figure(value: float | str | None) -> float:
 
 
 def _varying(grid: StudyGrid) -> list[tuple[str, str]]:
-    """Every entry that is not the same wherever there is one, beside those that have a column of their own."""
+    """Return every entry that differs between choices that have it, without those that have a column of their own."""
     makers = [maker for maker, _ in grid.plays]
     parts: dict[str, Sequence[Variant]] = {
         "world": grid.worlds,
@@ -95,7 +95,7 @@ def _varying(grid: StudyGrid) -> list[tuple[str, str]]:
 
 
 def write_rows(frame: pd.DataFrame, path: Path) -> None:
-    """Write a table of rows as CSV or, where the name ends so, as Parquet; whole or not at all.
+    """Write a table of rows as CSV, or as Parquet if the name ends with it; the file is written whole or not at all.
 
     Raises:
         InputError: The file cannot be written, or Parquet is asked for without pyarrow.

@@ -1,7 +1,7 @@
-"""Tasks of any study: what a task is, who does it, and the row that comes of it.
+"""Tasks of any study, their runners, and their rows.
 
 An identity is a hash of the task's parameters, so neither it nor any draw depends on the order of tasks, on the number of
-processes or machines, or on what else the study holds.
+processes or machines, or on the other tasks of the study.
 """
 
 from __future__ import annotations
@@ -79,10 +79,10 @@ class Listed:
     """Tasks one after another, each with a child of one seed by its number.
 
     Args:
-        count: How many.
+        count: Their number.
         named: Returns the parameters of a task, by its number.
-        entropy: What the seeds are children of.
-        first: The child of the first task.
+        entropy: The entropy of the seed whose children the tasks' seeds are.
+        first: The number of the child that is the first task's seed.
     """
 
     count: int
@@ -103,7 +103,7 @@ class Listed:
 
 
 class Work(NamedTuple):
-    """What a process needs to know of a study in order to do its tasks, as texts that any machine can read.
+    """All that a process needs to do the tasks of a study, as texts that any machine can read.
 
     Args:
         runner: The class that does the tasks.
@@ -121,7 +121,7 @@ class Work(NamedTuple):
 
 
 class Row(NamedTuple):
-    """One task done, as it is stored."""
+    """The row of one task, as it is stored."""
 
     number: int
     task: str
@@ -134,7 +134,7 @@ class Row(NamedTuple):
 
 
 class Done(NamedTuple):
-    """What came of one task."""
+    """The outcome of one task."""
 
     task: Task
     status: str
@@ -157,7 +157,7 @@ class TaskRunner(ABC):
         """Return the figures of one task, by name."""
 
     def done(self, number: int) -> Done:
-        """Do one task; one that fails says why."""
+        """Do one task; if it fails, the outcome has the reason."""
         started = time.perf_counter()
         task = self.grid.task(number)
         status, error, found = DONE, "", {}
@@ -178,7 +178,7 @@ class TaskRunner(ABC):
 
 
 def pass_interrupt(error: BaseException) -> None:
-    """Give way to Ctrl-C: compiled code may report it as an error of its own, and it is then sent again at once."""
+    """Let Ctrl-C through: compiled code may report it as an error of its own, and it is then sent again at once."""
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, KeyboardInterrupt):
@@ -188,7 +188,7 @@ def pass_interrupt(error: BaseException) -> None:
 
 
 def figures_text(figures: dict[str, float]) -> str:
-    """Return figures as JSON, floats in full; no number is null, infinities are texts that `float` reads."""
+    """Return figures as JSON with floats in full; NaN is null, and infinities are texts that `float` reads."""
     try:
         return _ENCODER.encode(figures)
     except ValueError:  # a number that JSON has not
@@ -208,7 +208,7 @@ def runner_of(work: Work) -> TaskRunner:
 
 
 def one_by_one(work: Work, numbers: Iterable[int]) -> Iterator[Done]:
-    """Do some tasks one after another, each as soon as the one before is taken.
+    """Do some tasks one after another, each when the caller has taken the one before.
 
     Linear algebra runs on one thread: with several, the order of a sum, and with it the last digit, may change.
     """
@@ -221,7 +221,7 @@ def one_by_one(work: Work, numbers: Iterable[int]) -> Iterator[Done]:
 def chunk_of_rows(work: Work, numbers: Iterable[int]) -> list[Row]:
     """Do some tasks and return their rows.
 
-    They are made together at the end: between two tasks that take 1.5 ms each a row takes three times as long, 5 % of a study.
+    The rows are made together at the end: between two tasks of 1.5 ms each a row takes three times as long, 5 % of a study.
     """
     found, runner = list(one_by_one(work, numbers)), runner_of(work)
     return [runner.row_of(each) for each in found]

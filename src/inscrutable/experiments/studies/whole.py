@@ -1,4 +1,4 @@
-"""Studies that are useful only when complete: their rows are resumed where a folder has some."""
+"""Studies that are useful only when complete; a folder that has some of their rows is resumed."""
 
 from __future__ import annotations
 
@@ -64,11 +64,11 @@ def all_rows(
 
     Args:
         study: A study.
-        folder: Where its rows are kept while it runs. An unfinished run of the same study by the same versions is gone on
-            with; anything else of its kind is begun anew, and an unfinished one set aside. None keeps nothing.
+        folder: Where its rows are kept while it runs. An unfinished run of the same study by the same versions is
+            continued. Any other study of its kind is begun anew, and an unfinished one is set aside. None keeps nothing.
         jobs: As for `run_study`.
-        again: Whether a finished run of the same study is done anew; otherwise its rows are taken.
-        prepared: Told what was prepared before the first task.
+        again: Whether a finished run of the same study is done anew; otherwise its rows are returned.
+        prepared: Called with what was prepared before the first task.
         progress: Called with (tasks done, tasks in all) for every task.
 
     Raises:
@@ -139,7 +139,7 @@ def check_done(rows: list[Row]) -> None:
 
 
 def _can_go_on(study: Study, place: Path, *, again: bool) -> bool:
-    """Whether the folder has rows of this very study, and, where a finished one is done anew, not all of them."""
+    """Whether the folder has rows of this very study, and not all of them if a finished one is to be done anew."""
     if not (place / STORE).exists():
         return False
     found = Study.load(place)
@@ -151,7 +151,7 @@ def _can_go_on(study: Study, place: Path, *, again: bool) -> bool:
 
 
 def _set_aside(place: Path) -> None:
-    """Make room for a store; the rows of an unfinished run stay beside it, for a user who mistyped a setting."""
+    """Make room for a store; the rows of an unfinished run are kept beside it, in case the user mistyped a setting."""
     (place / MANIFEST).unlink(missing_ok=True)
     if not (place / STORE).exists():
         return

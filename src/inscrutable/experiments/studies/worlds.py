@@ -42,7 +42,7 @@ _FAR = 10.0  # standard deviations beyond which no return lies
 
 
 class Regimes(NamedTuple):
-    """Means (X,D) and covariances (X,D,D) of the regimes, and the world they move in, where it is known."""
+    """The means (X,D) and covariances (X,D,D) of the regimes, and their world, if it is known."""
 
     means: Array
     covariances: Array
@@ -50,7 +50,7 @@ class Regimes(NamedTuple):
 
 
 def given_world(section: GivenWorld) -> Regimes:
-    """Return the regimes of a study that gives them; raise what the library says of numbers that do not fit."""
+    """Return the regimes that a study gives; raise the library's error for numbers that do not fit."""
     try:
         means, covariances = np.array(section.means), np.array(section.covariances)
     except ValueError:
@@ -128,7 +128,7 @@ def fitted_world(
 
 
 def training_of(section: FittedWorldSection, regimes: int, covariance: str | None, folder: Path) -> pd.DataFrame:
-    """Return the returns that a world is fitted to, or raise what is wrong with them or with their last date."""
+    """Return the returns that a world is fitted to; raise an error if they or their last date are wrong."""
     path = data_file(section, folder)
     if path is None:
         if section.prices:
@@ -149,7 +149,7 @@ def regimes_of(world: HiddenMarkovModel) -> Regimes:
 
 
 def with_public(world: HiddenMarkovModel, public: str | int) -> tuple[HiddenMarkovModel, Array]:
-    """Return a world with the public mean return of the assets, or that of one by its number, and its quantiles.
+    """Return a world with a public return, the assets' mean one or that of one asset by its number, and its quantiles.
 
     Raises:
         InputError: The world has no such returns.
@@ -166,7 +166,7 @@ def with_public(world: HiddenMarkovModel, public: str | int) -> tuple[HiddenMark
 
 
 def _quantiles(world: HiddenMarkovModel, emission: GaussianEmission, weights: Array) -> Array:
-    """Where a return of long-run law Σ_x p_x N(w'μ_x, w'Σ_x w) is cut into `PUBLIC_SYMBOLS` that are equally likely."""
+    """Return the cuts of a return of law Σ_x p_x N(w'μ_x, w'Σ_x w) into `PUBLIC_SYMBOLS` equally likely symbols."""
     centres = emission.means @ weights
     spreads = np.sqrt(np.einsum("xij,i,j->x", emission.covariances, weights, weights))
     law = HiddenMarkovModel(world.transition, emission).initial  # the long-run one
@@ -193,7 +193,7 @@ def own_problem(extension: Extension, chosen: Mapping[str, Any], regimes: Regime
 
 
 def problem_of(section: dict[str, Any], regimes: Regimes, network: PowerNetwork | None = None) -> DecisionProblem:
-    """Return the decision problem in given regimes, on a network of the reader's own where there is one."""
+    """Return the decision problem in given regimes, on the network that the file names, if any."""
     if not regimes.means.shape[1]:
         raise InputError(
             f"a problem of kind {section['kind']} takes the means and covariances of the observations, and this observation "

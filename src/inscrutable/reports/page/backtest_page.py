@@ -82,10 +82,10 @@ def _lead(result: Backtest) -> PagePicture | None:
         drawn = [path.read_text("utf-8") for path in pictures]
     word = result.market.frequency.word
     caption = (
-        f"Error of two observers under each decision maker, over {len(result.beliefs)} {word}s. Hidden: right of "
-        "the grey zone and not crossed out; a cross says that the observer names the regime too often. Dashed: the error "
-        "without weights. Ceiling: no rule of the same cost leaves the aware observer a larger error in the long run; it "
-        "does not bound that of the naive one, nor that of a few draws."
+        f"The marks are the errors of two observers under each decision maker, over {len(result.beliefs)} {word}s. A belief is "
+        "hidden where its mark is right of the grey zone and not crossed out; a cross says that the observer names the regime "
+        "too often. The dashed line is the error without weights. The ceiling bounds the aware observer's error in the long "
+        "run, under any rule of the same cost; it does not bound that of the naive one, nor that of a few draws."
     )
     return PagePicture("Error of two observers", caption, drawn[0]) if drawn else None
 
@@ -264,10 +264,27 @@ def _read(estimates: Array, beliefs: Array, error: str, named: str) -> dict[str,
 
 
 def _figures(result: Backtest, sweep: BudgetSweep) -> list[PageFigure]:
-    word = result.market.frequency.word
+    return [
+        *_figures_of_one(result),
+        *_figures_over_time(result),
+        *_followed_figures(result),
+        PageFigure(
+            "sweep",
+            "Both observers at every budget",
+            "The curves are the error of the estimate, the root mean square over time.",
+            True,
+        ),
+    ]
+
+
+def _figures_of_one(result: Backtest) -> list[PageFigure]:
+    """Return the figures of one decision."""
     shown, distance = "least and greatest probability, and the centre, of the beliefs", ""
     if len(result.regimes) == _TRIANGLE:
-        shown, distance = "the beliefs", "; dashed: how far they are from π. Grey dots: the other beliefs"
+        shown, distance = (
+            "the beliefs",
+            " Dashed lines are their distances from π, grey dots the beliefs of other times.",
+        )
     unlike = (
         ""
         if result.sequential is None
@@ -277,49 +294,52 @@ def _figures(result: Backtest, sweep: BudgetSweep) -> list[PageFigure]:
         PageFigure(
             "simplex",
             "What the observer reads from one decision",
-            f"Star: the investor's belief π. Coloured marks: {shown} that the naive observer reads from each published "
-            f"decision{distance}. Hollow or faint: what the lottery did not draw, with its "
-            "probability in percent. Dashed ring: the "
-            f"estimate of the aware observer.{unlike}",
+            f"The star is the investor's belief π. Coloured marks are {shown} that the naive observer reads from each "
+            f"published decision.{distance} Hollow or faint marks are decisions that the lottery did not draw, with their "
+            f"probabilities in percent. A dashed ring is the estimate of the aware observer.{unlike}",
         ),
         PageFigure(
             "frontier",
             "Privacy against regret, every budget",
-            "Solid: the best single decision; dashed: the best lottery, in expectation; the vertical line is the budget. "
-            "The black line is the tangent of the dashed one at the budget: its slope is the privacy that one more unit of "
-            "expected regret buys.",
+            "The solid line is the best single decision, the dashed one the best lottery, in expectation; the vertical line is "
+            "the budget. The black line is the tangent of the dashed one at the budget: its slope is the privacy that one more "
+            "unit of expected regret buys.",
         ),
         PageFigure(
             "now",
             "This decision in numbers",
-            "The decisions at this budget, their regret and the observers' estimates. Privacy Ψ is the naive observer's error.",
+            "The rows are the decisions at this budget, with their regret and the observers' estimates. Privacy Ψ is the naive "
+            "observer's error.",
             True,
         ),
         PageFigure(
             "weights",
             "Published weights of this decision",
-            "In % of wealth, at the backtest's own budget; of a lottery, the draw."
-            f" At most the {_MOST_ASSETS} largest holdings of any decision maker; the others are added up.",
+            "The weights are in % of wealth, at the backtest's own budget; for a lottery they are those of the draw. The table "
+            f"has at most the {_MOST_ASSETS} largest holdings of any decision maker, and the sum of the others.",
             True,
         ),
+    ]
+
+
+def _figures_over_time(result: Backtest) -> list[PageFigure]:
+    """Return the figures of all decisions at one budget."""
+    return [
         PageFigure(
             "privacy",
             "Privacy over time, at this budget",
-            f"One mark per {word}; of a lottery the expectation. The vertical line is the decision above.",
+            f"There is one mark per {result.market.frequency.word}; for a lottery it is the expectation. The vertical line is "
+            "the decision above.",
             True,
         ),
-        PageFigure("cost", "Regret over time, at this budget", "Of a lottery the expectation.", True),
+        PageFigure("cost", "Regret over time, at this budget", "For a lottery the mark is its expectation.", True),
         PageFigure(
             "beliefs",
             "What each observer believes, at this budget",
-            "Colour: the likeliest regime; height: its probability. First the investor's own belief, then what is read from "
-            "what was published (of a lottery, the draw) at face value, and by the aware observer. Gaps: no belief explains "
-            "the decision.",
+            "The colour is the likeliest regime, the height its probability. The first row is the investor's own belief; the "
+            "others are what is read from the published decision (for a lottery, from the draw) at face value, and by the "
+            "aware observer. A gap is a decision that no belief explains.",
             True,
-        ),
-        *_followed_figures(result),
-        PageFigure(
-            "sweep", "Both observers at every budget", "Error of the estimate, root mean square; means over time.", True
         ),
     ]
 
@@ -331,29 +351,29 @@ def _followed_figures(result: Backtest) -> list[PageFigure]:
     if result.sequential is not None:
         without = result.sequential.maker.chain.prior.error
         ceiling = (
-            " Dashed, the ceiling, over the later half: the most that any rule of the same regret leaves, in the long run "
-            f"of the fitted regimes, where the error without weights is {without:.2f}."
+            " Dashed, over the later half, are the ceilings: the most that any rule of the same regret leaves in the "
+            f"long run of the fitted regimes. There the error without weights is {without:.2f}."
         )
     return [
         PageFigure(
             "followed",
             f"What the aware observer believes who follows all {word}s",
-            "Colour: the likeliest regime; height: its probability. First the investor's own belief, then what the aware "
-            "observer believes who remembers all that was published and knows how the belief moves. At the backtest's own "
-            "budget.",
+            "The colour is the likeliest regime, the height its probability. The first row is the investor's own belief; the "
+            "others are the belief of an aware observer who remembers all that was published and knows how the belief moves. "
+            "All are drawn at the backtest's own budget.",
             True,
         ),
         PageFigure(
             "bits",
             f"Information that the {word}s have given that observer",
-            f"Bits that each {word} adds to those before it, summed; the numbers are those at the decision above. At the "
-            "backtest's own budget.",
+            f"The curves are the sums of the bits that each {word} adds to those before it, at the backtest's own budget. The "
+            "numbers in the legend are the bits up to the decision above.",
         ),
         PageFigure(
             "errors",
             "Error of that observer",
-            f"Error of the estimate over all {word}s so far, root mean square; the numbers are those at the decision above. At "
-            f"the backtest's own budget.{ceiling}",
+            f"The curves are the error of the estimate, the root mean square over all {word}s so far, at the backtest's own "
+            f"budget. The numbers in the legend are the errors at the decision above.{ceiling}",
         ),
     ]
 

@@ -41,22 +41,23 @@ def comparison_content(comparison: Comparison, title: str | None, manifest: Mapp
             PageFigure(
                 "both",
                 "Both observers at this expected regret",
-                "Error of the estimate; hollow: of the aware observer, who knows the rule; filled: of the naive one, who takes "
-                "decisions at face value. Dotted, of all decisions so far: no rule of the same expected regret exceeds it.",
+                "Hollow marks are the error of the aware observer, who knows the rule; filled ones that of the naive observer, "
+                "who takes decisions at face value. The dotted line bounds the aware observer's error from all decisions so "
+                "far, under any rule of the same expected regret.",
                 True,
             ),
             PageFigure(
                 "naive",
                 "Naive observer: takes one decision at face value",
-                "Error of the estimate (root mean square) against the expected regret; dashed: without decisions. The vertical "
-                "line is the expected regret of the table.",
+                "The curves are the error of the estimate (root mean square) against the expected regret. The dashed line is "
+                "the error without decisions, the vertical one the expected regret of the table.",
             ),
             PageFigure(
                 "aware",
                 "Aware observer: knows the rule and the prior",
-                "The same for the aware observer; bars are 95 % intervals where sampled."
+                "The curves are the same for the aware observer; bars are 95 % intervals where figures are sampled."
                 + (
-                    " Dotted, of all decisions so far: no rule of the same expected regret exceeds it."
+                    " The dotted line bounds the error from all decisions so far, under any rule of the same expected regret."
                     * bool(comparison.ceilings)
                 ),
             ),
@@ -81,7 +82,9 @@ def comparison_content(comparison: Comparison, title: str | None, manifest: Mapp
 def _short(comparison: Comparison) -> list[str]:
     """Return budgets as text that fits beside a slider on a phone."""
     silent = comparison.silence_regret
-    return [f"{each / silent:.0%} of silence" if silent > 0 else f"{each:.3g}" for each in comparison.budgets]
+    return [
+        f"{each / silent:.0%} of the silence regret" if silent > 0 else f"{each:.3g}" for each in comparison.budgets
+    ]
 
 
 def _middle(comparison: Comparison) -> int:
@@ -149,8 +152,8 @@ def _failures(comparison: Comparison) -> list[str]:
                 f"{row.expected_regret / row.budget:.0%} of a regret of {row.budget:.3g}" for row in spent
             )
             found.append(
-                f"{spelled(maker)} spends less than the budget, because no decision gains by more or its parameter moves in "
-                f"steps: {shares}."
+                f"{capital(spelled(maker))} spends less than the budget, because no decision gains by more or its parameter "
+                f"moves in steps: {shares}."
             )
         odd = [row for row in rows if row.implausible_share > 0]
         if odd:

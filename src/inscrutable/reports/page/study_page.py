@@ -80,15 +80,16 @@ _NOTES = (
     "Figures are means over the repeats; ± is half of a 95 % interval (Student's t over the repeats), none for a single one. "
     "With few repeats it is wide, and where repeats share a market two decision makers can differ more clearly than their "
     "intervals say.",
-    "Decision makers rank at equal expected regret. Where regrets differ, all are taken at the least that one with the budget "
-    "spends, between what a decision maker does there and the optimal decision, or what it does at a smaller budget "
-    "(“about”); those without a budget are compared with the middle one. With the key hold set to mean in [budgets] all that "
-    "take a budget spend the same.",
-    "A protection is judged at the same equal regret, where the measures error and top_state are taken: both parts must hold.",
+    "Decision makers rank at equal expected regret. At one budget some may spend more than others. All are then compared at "
+    "the least regret that one of them spends: the figure of one that spends more is interpolated between its own and that of "
+    "a smaller budget, or of the optimal decision, and is told with “about”. Decision makers without a budget are compared at "
+    'the middle one. With hold = "mean" in the section [budgets] all that take a budget spend the same.',
+    "Whether the belief is hidden is judged at the same equal regret, by the measures error and top_state: both parts must "
+    "hold.",
     "Observers: naive takes every decision for optimal; near-optimal and budget-aware allow for what is spent; bayesian is the "
     "aware observer, who knows the rule; data has seen pairs of belief and decision alone; sequential is the aware observer "
     "who also knows how the belief moves and follows it through all decisions: its error is that of the later half of 40 "
-    "decisions. Where it reads something beside them, the figures without a decision are its own.",
+    "decisions. Where it also reads public observations, its error without decisions is one of its own.",
 )
 
 
@@ -170,15 +171,15 @@ def _drawn(means: StudyMeans) -> list[PageFigure]:
         PageFigure(
             "tradeoff",
             "Privacy against cost",
-            f"The figure chosen above against {paid}, by decision maker; means over the repeats with 95 % intervals. The "
-            "axis is stretched near zero where budgets span several powers of ten. Dashed, for errors: the error of an "
-            "observer who sees no decision, where the study measures it.",
+            f"The curves are the figure chosen above against {paid}, by decision maker: means over the repeats with 95 % "
+            "intervals. The axis is stretched near zero where budgets span several powers of ten. The dashed line, for errors, "
+            "is the error of an observer who sees no decision, where the study measures it.",
         ),
         PageFigure(
             "spread",
             "Spread over the repeats at this budget",
-            "Line: from the least to the greatest of all repeats; box: the middle half; bar: the median; mark: the mean. "
-            "Decision makers without a budget are the same at each.",
+            "The line goes from the least to the greatest of all repeats, the box holds the middle half, the bar is the median "
+            "and the mark the mean. Decision makers without a budget are the same at each.",
         ),
     ]
 
@@ -189,8 +190,8 @@ def _swept(sweep: Sweep | None) -> list[PageFigure]:
         return []
     curves = "the decision makers" if not sweep.curves_of else f"the values of {sweep.curves_of}"
     told = (
-        f"The figure chosen above against {sweep.axis}, at the budget chosen above; curves are {curves}, means over the "
-        "repeats with 95 % intervals."
+        f"The curves are {curves}. They are the figure chosen above against {sweep.axis}, at the budget chosen above: means "
+        "over the repeats with 95 % intervals."
     )
     rest = f" The table has the rest: {sweep.left_out}." if sweep.left_out else ""
     last = len(sweep.facets) - 1
@@ -248,6 +249,7 @@ def page_data(means: StudyMeans, shown: Sequence[int]) -> dict[str, Any]:
     cost = _cost(means)
     return {
         "makers": names,
+        "main": _main(means, names),
         "spelled": {name: spelled(name) for name in names},
         "looks": {name: look._asdict() for name, look in _looks(names).items()},
         "budgets": means.amounts,
@@ -264,6 +266,14 @@ def page_data(means: StudyMeans, shown: Sequence[int]) -> dict[str, Any]:
         ],
         "cells": [[[_numbers(means, s, p, f) for f in _all(means)] for p in range(len(means.makers))] for s in shown],
     }
+
+
+def _main(means: StudyMeans, names: Sequence[str]) -> list[str]:
+    """Return the decision makers in the order in which they are drawn: those that the verdict names, then the others."""
+    setting, budget = means.first_setting(), means.middle_budget
+    ranked = [ranking(means, setting, budget, place).plays for place in _headline(means)]
+    named = [means.makers[each[k]] for each in ranked for k in (0, 1, -1) if len(each) > 1]
+    return list(dict.fromkeys([*named, *names]))
 
 
 def _all(means: StudyMeans) -> range:
@@ -312,9 +322,11 @@ def _verdict(study: Study, means: StudyMeans) -> list[str]:
     holds = protection(means, setting, budget)
     equal, costs = _costs_told(means, found[places[0]])
     at += equal
-    ranked = "; ".join(filter(None, (_ranked(means, setting, *each) for each in found.items())))
+    told = [_ranked(means, setting, *each) for each in found.items()]
+    first, *others = list(filter(None, told)) or ["nothing is known yet"]
     return [
-        f"In short: {', '.join([*at, ranked])}.",
+        f"In short: {', '.join([*at, first])}.",
+        *(f"{capital(each)}." for each in others),
         *costs,
         *holds,
         *study.cautions(),
@@ -333,7 +345,7 @@ def _costs_told(means: StudyMeans, found: Ranking) -> tuple[list[str], list[str]
         f"At this budget expected regrets differ, from {_number(found.spent[low])} ({means.makers[found.spenders[low]]}) to "
         f"{_number(found.spent[high])} ({means.makers[found.spenders[high]]}), {found.times:.1f} times as much."
     )
-    return [f"compared at an equal expected regret of {_number(found.regret)}"], [differ]
+    return [f"compared at an equal expected regret of {_number(found.regret)} in the cost's unit"], [differ]
 
 
 def _ranked(means: StudyMeans, setting: int, figure: int, found: Ranking) -> str:

@@ -86,7 +86,7 @@
         if (isLottery(name) && atoms.length > 1) {
           const [x, y] = place(centres[atom[0]]);
           const isLeft = x > points[2][0] - 30;
-          svg(drawing, "text", { x: at(isLeft ? x - 9 : x + 9), y: at(y - 12), "text-anchor": isLeft ? "end" : "start" }, `with ${Math.round(100 * atom[1])}%`);
+          svg(drawing, "text", { x: at(isLeft ? x - 9 : x + 9), y: at(y - 12), "text-anchor": isLeft ? "end" : "start", class: "clear" }, `with ${Math.round(100 * atom[1])}%`);
         }
       });
       if (aware && name !== makers[0]) {
@@ -168,7 +168,7 @@
       const ends = [0.5 * amount, Math.min(1.5 * amount, shown, price > 0 ? amount + (top - reached) / (factor * price) : shown)];
       line(drawing, ends.map((x) => place([factor * x, reached + factor * price * (x - amount)])), "#000", "-", 1);
     }
-    svg(drawing, "text", { x: frame.inside.right, y: frame.inside.bottom - 10, "text-anchor": "end" }, `slope: one more ${unit === "% of |c*|" ? unit : "unit of regret"} buys ${short(price)}`);
+    svg(drawing, "text", { x: frame.inside.right, y: frame.inside.bottom - 10, "text-anchor": "end", class: "clear" }, `slope: one more ${unit === "% of |c*|" ? unit : "unit of regret"} buys ${short(price)} of Ψ`);
     for (const name of onTop(makers, (each) => each)) {
       const [atoms] = entry(name, step, budget);
       const look = looks[name];

@@ -126,8 +126,9 @@ const Page = (() => {
     const along = xTicks || ticks(x[0], x[1], Math.max(2, Math.floor(width / 90))).map((value) => [value, short(value)]);
     for (const [value, text] of along) {
       svg(drawing, "line", { x1: at(px(value)), x2: at(px(value)), y1: inside.bottom, y2: inside.bottom + 4, stroke: GREY });
-      const isLast = px(value) > width - 30;
-      svg(drawing, "text", { x: isLast ? width - 2 : at(px(value)), y: inside.bottom + 17, "text-anchor": isLast ? "end" : "middle" }, text);
+      // In the middle below its tick, but within the drawing.
+      const x = Math.min(px(value), width - 1 - 3.8 * String(text).length);
+      svg(drawing, "text", { x: at(x), y: inside.bottom + 17, "text-anchor": "middle" }, text);
     }
     svg(drawing, "line", { x1: inside.left, x2: inside.right, y1: inside.bottom, y2: inside.bottom, stroke: GREY });
     if (xLabel) svg(drawing, "text", { x: (inside.left + inside.right) / 2, y: height - 4, "text-anchor": "middle" }, xLabel);
@@ -175,6 +176,19 @@ const Page = (() => {
       });
     }
     return (name) => every || isPrinting || main.has(name);
+  }
+
+  // A name of several parts may take two rows; names often differ at their ends, so the middle is cut.
+  function inRows(name) {
+    const cut = (text) => text.length > 25 ? `${text.slice(0, 11)}…${text.slice(-13)}` : text;
+    const [first, ...rest] = name.length > 25 ? name.split(", ") : [name];
+    return (rest.length ? [first, rest.join(", ")] : [first]).map(cut);
+  }
+
+  // The name of a row, left of the axis.
+  function rowName(drawing, name, x, y) {
+    const rows = inRows(name);
+    rows.forEach((text, row) => svg(drawing, "text", { x, y: y + 4 + 13 * (row - (rows.length - 1) / 2), "text-anchor": "end" }, text));
   }
 
   function follow(redraw) {
@@ -238,5 +252,5 @@ const Page = (() => {
     fromAddress();
   }
 
-  return { data, texts, svg, html, at, closed, open, marks, line, short, widthOf, empty, chart, cursor, legend, sampleMark, sampleArea, choice, follow, GREY };
+  return { data, texts, svg, html, at, closed, open, marks, line, short, widthOf, empty, chart, cursor, legend, sampleMark, sampleArea, rowName, choice, follow, GREY };
 })();

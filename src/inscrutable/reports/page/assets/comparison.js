@@ -1,6 +1,6 @@
 // The page of a comparison.
 (() => {
-  const { data, texts, svg, at, marks, line, short, chart, cursor, legend, sampleMark, choice, follow, GREY } = Page;
+  const { data, texts, svg, at, marks, line, short, chart, cursor, legend, sampleMark, rowName, choice, follow, GREY } = Page;
   const { makers, looks, rows, spelled } = data;
   const value = (row, seen) => (seen === null ? row.naive : row.aware[seen]);
   const all = makers.flatMap((name) => rows[name]);
@@ -36,7 +36,7 @@
     const shown = makers.map((name) => [name, rows[name].find((row) => row.budget === budget) || (rows[name].length === 1 ? rows[name][0] : null)]).filter(([, row]) => row);
     const most = seen === texts.seen.length - 1 ? data.ceilings.find(([regret]) => regret === data.budgets[budget]) : undefined;
     const { drawing, px, inside } = chart("both", {
-      height: 26 * shown.length + 58, left: 14 + 6.2 * Math.max(...shown.map(([name]) => spelled[name].length)), x: [0, highest], y: [0, 1], yTicks: [], xLabel: "error of the estimate",
+      height: 26 * shown.length + 58, left: 168, x: [0, highest], y: [0, 1], yTicks: [], xLabel: "error of the estimate",
       label: shown.map(([name, row]) => `${spelled[name]}: naive ${short(row.naive)}, aware after ${texts.seen[seen]} ${short(row.aware[seen])}`).join("; "),
     });
     svg(drawing, "line", { x1: at(px(data.prior)), x2: at(px(data.prior)), y1: inside.top, y2: inside.bottom, stroke: "#000", "stroke-dasharray": "6 4" });
@@ -44,7 +44,7 @@
     shown.forEach(([name, row], k) => {
       const y = inside.top + 14 + 26 * k;
       const look = looks[name];
-      svg(drawing, "text", { x: inside.left - 10, y: y + 4, "text-anchor": "end" }, spelled[name]);
+      rowName(drawing, spelled[name], inside.left - 10, y);
       line(drawing, [[px(row.aware[seen]), y], [px(row.naive), y]], GREY, "-", 1);
       marks(drawing, look.marker, [[px(row.naive), y]], 5, look.colour, true);
       svg(drawing, "circle", { cx: at(px(row.aware[seen])), cy: y, r: 6, fill: "#fff", stroke: look.colour, "stroke-width": 2 });

@@ -1,6 +1,6 @@
 // The page of a study.
 (() => {
-  const { data, texts, svg, at, marks, line, short, chart, legend, sampleMark, choice, follow, GREY } = Page;
+  const { data, texts, svg, at, marks, line, short, chart, legend, sampleMark, rowName, choice, follow, GREY } = Page;
   const { makers, spelled, looks, budgets, figures, errors, plays, cells } = data;
   const MEAN = 0, HALF = 1, LEAST = 2;
   const paid = (setting, play) => (data.cost === null ? (plays[play][1] === null ? 0 : budgets[plays[play][1]]) : cells[setting][play][data.cost][MEAN]);
@@ -59,13 +59,6 @@
     });
   }
 
-  // A name of several parts may take two rows; names often differ at their ends, so the middle is cut.
-  function inRows(name) {
-    const cut = (text) => text.length > 25 ? `${text.slice(0, 11)}…${text.slice(-13)}` : text;
-    const [first, ...rest] = name.length > 25 ? name.split(", ") : [name];
-    return (rest.length ? [first, rest.join(", ")] : [first]).map(cut);
-  }
-
   function spread(figure, budget, setting) {
     const shown = plays.map(([maker, amount], play) => [makers[maker], amount, cells[setting][play][figure]])
       .filter(([, amount, cell]) => (amount === null || amount === budget) && cell[LEAST] !== null);
@@ -79,8 +72,7 @@
       const y = inside.top + 16 + 30 * k;
       const look = looks[name];
       const [least, low, middle, high, most] = cell.slice(LEAST).map(px);
-      const rows = inRows(spelled[name]);
-      rows.forEach((text, row) => svg(drawing, "text", { x: inside.left - 10, y: y + 4 + 13 * (row - (rows.length - 1) / 2), "text-anchor": "end" }, text));
+      rowName(drawing, spelled[name], inside.left - 10, y);
       line(drawing, [[least, y], [most, y]], GREY, "-", 1);
       svg(drawing, "rect", { x: at(low), y: y - 7, width: at(Math.max(high - low, 0)), height: 14, fill: "#fff", stroke: look.colour, "stroke-width": 1.5 });
       line(drawing, [[middle, y - 7], [middle, y + 7]], look.colour, "-", 2.5);
@@ -119,11 +111,11 @@
         }
         marks(drawing, look.marker, found.map(point), 4.5, look.colour, "#fff");
       }
-      legend(id, facet.map(([name]) => [name, sampleMark(curveLooks[name].marker, curveLooks[name].colour, "#fff", curveLooks[name].line)]));
+      legend(id, facet.map(([name]) => [spelled[name] || name, sampleMark(curveLooks[name].marker, curveLooks[name].colour, "#fff", curveLooks[name].line)]));
     });
   }
 
-  const isDrawn = choice(makers, null, spelled);
+  const isDrawn = choice(makers, data.main, spelled);
   follow(({ figure = 0, budget = 0, setting = 0 }) => {
     legend("tradeoff", makers.filter(isDrawn).map((name) => [spelled[name], sampleMark(looks[name].marker, looks[name].colour, "#fff", looks[name].line)]));
     tradeoff(figure, budget, setting);

@@ -67,7 +67,7 @@ class Claim:
     @property
     def criterion(self) -> str:
         """The test in words."""
-        return f"{self.quantity} {'>=' if self.at_least else '<='} {self.bound:g} {self.rule.value}"
+        return f"{self.quantity}: at {'least' if self.at_least else 'most'} {self.bound:g} {self.rule.value}"
 
 
 @dataclass(frozen=True)

@@ -143,7 +143,7 @@ def _judged(key: str, text: str, quantity: str, measured: Array, test: tuple[Rul
         (False, False): IntroductionVerdict.FAILS,
     }[knowing.holds if naive is None else naive.holds, knowing.holds]
     cases = test[0].value.replace("markets", "cases").replace("market", "case")
-    return IntroductionClaim(key, text, f"{quantity} >= {test[1]:g} {cases}", naive, knowing, verdict)
+    return IntroductionClaim(key, text, f"{quantity}: at least {test[1]:g} {cases}", naive, knowing, verdict)
 
 
 def _market(seed: int) -> tuple[tuple[float, float], list[list[float]]]:

@@ -48,6 +48,8 @@ autodoc_default_options = {
 }
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
+# There are none, and every source would be parsed for them.
+autodoc_use_type_comments = False
 autodoc_type_aliases = {"ArrayLike": "ArrayLike", "Array": "Array"}
 maximum_signature_line_length = 88
 autosummary_generate = False

@@ -155,13 +155,17 @@ def list_table(page: Path, table: Any, said: str, widths: tuple[int, ...]) -> No
     page.write_text("\n".join(lines) + "\n", "utf-8")
 
 
+def measured(folder: Path) -> None:
+    """Copy the table of the measurements that are kept."""
+    folder.mkdir(parents=True)
+    shutil.copy(ROOT / "benchmarks" / "results" / "table.md", folder)
+
+
 def curves(folder: Path) -> None:
-    """Draw the growth curves from the measurements that are kept."""
+    """Draw the growth curves from the same measurements."""
     from benchmarks.plots import draw_growth
     from benchmarks.table import Row
 
-    folder.mkdir(parents=True)
-    shutil.copy(ROOT / "benchmarks" / "results" / "table.md", folder)
     kept = json.loads(
         ROOT.joinpath("benchmarks", "results", "growth.json").read_text("utf-8")
     )["rows"]
@@ -240,12 +244,13 @@ def make(app: Any) -> None:
     shutil.rmtree(MADE, ignore_errors=True)
     api_pages(MADE / "api")
     report_page(MADE / "api")
-    curves(MADE / "benchmarks")
+    measured(MADE / "benchmarks")
     study_keys(MADE / "studies")
     model_keys(MADE / "model")
     if not app.config.claims_markets:  # text and links alone are asked for
         not_judged(MADE / "claims")
         return
+    curves(MADE / "benchmarks")
     first_steps(HERE / "start-here.md", MADE / "start")
     claims(MADE / "claims", app.config.claims_markets)
     introduction(MADE / "claims", min(app.config.claims_markets, 50))

@@ -6,15 +6,20 @@ import importlib
 import pkgutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import inscrutable.reports
 from inscrutable.decision_makers import local_search
 from inscrutable.decision_makers.sequential import calibration
 from inscrutable.experiments import backtest_aware, backtest_sequential
+from inscrutable.worlds import gaussian_fit
+from inscrutable.worlds.baum_welch import Climb, Standardised
+from inscrutable.worlds.covariances import CovarianceRule
 
 PICTURE = '<svg xmlns="http://www.w3.org/2000/svg" width="2000" height="1000"><title>{}</title></svg>'
 
@@ -70,4 +75,20 @@ def short_searches() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(local_search, "minimize", short)
+        yield
+
+
+@contextmanager
+def repeated_fits() -> Iterator[None]:
+    """A fit of the same rows from the same starting points is made once; for tests that fit no regimes of their own."""
+    run, kept = gaussian_fit._restart, dict[tuple[bytes, int, str, str], Climb]()
+
+    def once(data: Standardised, n_states: int, rule: CovarianceRule, rng: np.random.Generator) -> Climb:
+        key = data.rows.tobytes(), n_states, repr(rule), repr(rng.bit_generator.state)
+        if key not in kept:
+            kept[key] = run(data, n_states, rule, rng)
+        return deepcopy(kept[key])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gaussian_fit, "_restart", once)
         yield

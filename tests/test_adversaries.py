@@ -94,7 +94,7 @@ def some_actions(problem, rng):
 def test_affordable_beliefs_are_those_of_a_grid(seed, sign, share):
     rng = np.random.default_rng(seed)
     market, problem = market_with_values(rng, sign)
-    values = np.array([enumeration.value(market, belief)[0] for belief in GRID])
+    values = enumeration.values(market, GRID)[0]
     observer = BudgetAwareAdversary(problem, share)
     for action in some_actions(problem, rng):
         excess = GRID @ problem.state_costs(action) - values - share * np.abs(values)

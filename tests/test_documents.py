@@ -23,6 +23,7 @@ import re
 import runpy
 import shlex
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,6 +33,7 @@ from matplotlib import pyplot
 from inscrutable import cli
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
+from small_runs import repeated_fits
 
 ROOT = Path(__file__).resolve().parent.parent
 MADE = ROOT / "docs" / "made"
@@ -167,8 +169,15 @@ def check_page(text: str, page: str, folder: Path, *, audit: bool) -> None:
             printed = None
 
 
+@pytest.fixture(scope="module")
+def fitted_once() -> Iterator[None]:
+    """Several pages begin with the same backtest."""
+    with repeated_fits():
+        yield
+
+
 @each_page
-@pytest.mark.usefixtures("undrawn", "unpaged")
+@pytest.mark.usefixtures("undrawn", "unpaged", "fitted_once")
 def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     check_page(page.read_text("utf-8"), page.relative_to(ROOT).as_posix(), tmp_path, audit=False)

@@ -167,9 +167,12 @@ def test_the_largest_loss_under_guarantees(seed: int, kind: str) -> None:
 def test_there_is_no_gap_where_one_answer_suits_the_rival_under_every_belief() -> None:
     """Value, bound and the loss at the known belief were equal to rounding, and their quotient a division by zero."""
     rng = np.random.default_rng(1702)
-    for _ in range(20):
+    short = 18  # there the value lies below the bound, by rounding
+    for number in range(20):
         problem, prior = world(rng)
         loss = RivalProblem(FiniteProblem(rng.normal(size=(3, 1)) + np.array([0.0, 1.0, 2.0])))
+        if number not in (*range(instances(20)), short):
+            continue
         guarantees = [PointwiseLeakageCap(0.5)]
         limit = float(least_regret(problem, prior, guarantees).mechanism.expected_regrets.max()) * 1.02 + 1e-3
         for asked_for in (guarantees, None):

@@ -23,9 +23,9 @@ FINE = 200  # grid steps: a distance of 1/200 per coordinate
 
 
 def regrets_on(drawn, beliefs, action):
-    """Regrets by enumeration of supports, one belief at a time."""
-    own = np.array([belief @ drawn.problem.state_costs(action) for belief in beliefs])
-    return own - np.array([enumeration.value(drawn.market, belief)[0] for belief in beliefs])
+    """Regrets by enumeration of supports."""
+    beliefs = np.asarray(beliefs)
+    return beliefs @ drawn.problem.state_costs(action) - enumeration.values(drawn.market, beliefs)[0]
 
 
 def some_action(drawn, epsilon_share):
@@ -73,9 +73,8 @@ def test_the_gap_is_below_a_dense_grid_and_above_its_planes(drawn):
     """Between the least of a grid and the least of the planes that touch −V at the grid: two independent bounds."""
     action = drawn.rng.dirichlet(np.ones(drawn.problem.n_actions))
     grid = simplex_grid(3, 30)
-    values = [enumeration.value(drawn.market, belief) for belief in grid]
-    own = drawn.problem.state_costs(action)
-    planes = np.array([own - drawn.problem.state_costs(winner) for _, winner in values])
+    _, winners = enumeration.values(drawn.market, grid)
+    planes = drawn.problem.state_costs(action) - drawn.problem.state_costs(winners)
     upper = min(belief @ plane for belief, plane in zip(grid, planes, strict=True))
     scale = np.abs(planes).max()
     answer = linprog(

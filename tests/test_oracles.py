@@ -304,8 +304,8 @@ def test_no_decoy_of_a_grid_beats_the_optimum(index):
 
     best = -np.inf
     optimal = enumeration.value(case.market, case.belief)[0]
-    for decoy in np.random.default_rng(index).dirichlet(np.ones(3), 400):
-        action = enumeration.value(case.market, decoy)[1]
+    decoys = np.random.default_rng(index).dirichlet(np.ones(3), 400)
+    for action in enumeration.values(case.market, decoys)[1]:
         admissible = (action[action > 1e-12] >= case.min_slack).all()
         if admissible and case.belief @ markets.costs(case.market, action) - optimal <= case.budget:
             held = consistent.simplex_system(markets.gradients(case.market, action), action > 1e-12)

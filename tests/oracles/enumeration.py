@@ -28,23 +28,39 @@ def value(market: Market, belief: Array) -> tuple[float, Array]:
 
     Exact to about 1e-14 times the condition number of the covariances; 2^U − 1 small systems.
     """
-    hessian = 2 * market.risk_aversion * np.tensordot(belief, market.covariances, 1)
-    linear = -(belief @ market.means)
-    best, winner = np.inf, np.full(linear.size, np.nan)
-    for held in supports(linear.size):
-        size = len(held)
-        system = np.ones((size + 1, size + 1))
-        system[:size, :size] = hessian[np.ix_(held, held)]
-        system[size, size] = 0.0
-        weights = np.linalg.lstsq(system, np.append(-linear[held], 1.0), rcond=None)[0][:size]
-        action = np.zeros(linear.size)
-        action[held] = weights
-        if weights.min() < -NEGATIVE_WEIGHT or abs(weights.sum() - 1) > 1e-9:
-            continue
-        cost = float(action @ hessian @ action / 2 + linear @ action)
-        if cost < best:
-            best, winner = cost, action
-    return best, winner
+    costs, actions = values(market, belief[None])
+    return float(costs[0]), actions[0]
+
+
+def values(market: Market, beliefs: Array) -> tuple[Array, Array]:
+    """Return the same of many beliefs (B,X), support by support: shapes (B,), (B,U)."""
+    hessians = 2 * market.risk_aversion * np.tensordot(beliefs, market.covariances, 1)
+    linears = -(beliefs @ market.means)
+    best, winners = np.full(len(beliefs), np.inf), np.full(linears.shape, np.nan)
+    for held in supports(linears.shape[1]):
+        actions = np.zeros(linears.shape)
+        actions[:, held] = stationary(hessians[:, held][:, :, held], linears[:, held])
+        costs = ((hessians @ actions[:, :, None])[:, :, 0] / 2 + linears) * actions
+        found = np.where(feasible(actions), costs.sum(axis=1), np.inf)
+        better = found < best
+        best[better], winners[better] = found[better], actions[better]
+    return best, winners
+
+
+def stationary(hessians: Array, linears: Array) -> Array:
+    """Return the stationary points of ½u'Hu + g'u where 1'u = 1, the shortest where there are several."""
+    many, size = linears.shape
+    systems = np.ones((many, size + 1, size + 1))
+    systems[:, :size, :size] = hessians
+    systems[:, size, size] = 0.0
+    right = np.concatenate([-linears, np.ones((many, 1))], axis=1)
+    inverses = np.linalg.pinv(systems, rcond=(size + 1) * np.finfo(float).eps)
+    return np.asarray((inverses @ right[:, :, None])[:, :size, 0])
+
+
+def feasible(actions: Array) -> NDArray[np.bool_]:
+    """Whether points lie on the simplex, but for rounding."""
+    return np.asarray((actions.min(axis=1) >= -NEGATIVE_WEIGHT) & (np.abs(actions.sum(axis=1) - 1) <= 1e-9))
 
 
 def quadratic_value(

@@ -15,11 +15,9 @@ from inscrutable import (
     Polyhedron,
     simplex,
 )
-from inscrutable.decision_makers.search.edge_climbs import edge_decoys
 from inscrutable.decision_makers.search.partition import face_programme
 from inscrutable.decision_makers.search.rays import farthest_decoys
 from inscrutable.decision_makers.search.region_search import rules_for
-from inscrutable.kernels.climb import Aim
 from inscrutable.kernels.set_distance import NO_ROW, distance_room, nearest_belief
 from inscrutable.privacy import MaximalObfuscation
 from oracles import consistent, large_markets, markets, multistart
@@ -81,43 +79,27 @@ def test_toward_a_target_no_affordable_candidate_is_nearer(seed):
     assert decision.privacy >= values.max(initial=-np.inf) - CLOSE
 
 
-# --- the edge of the budget -----------------------------------------------------------------------------------------
-
-
-def edge_of(problem, belief, limit, point=None, sign=1.0):
-    aim = Aim(belief, belief if point is None else point, sign, float(problem.optimal_cost(belief)), limit, 0.0)
-    decoys = CounterAdversarialDecisionMaker(problem).candidates.decoys
-    return aim, edge_decoys(problem, aim, decoys, problem.state_costs(problem.solve(decoys)))
+# --- rays to the end of the budget ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_climbs_end_on_the_edge_beyond_all_rays(seed):
+def test_a_decision_is_as_private_as_the_end_of_any_affordable_ray(seed):
     rng = np.random.default_rng(seed)
     problem = MarkowitzProblem(*large_markets.large_market(5, 15, seed))
     belief = rng.dirichlet(np.ones(5))
-    limit = 0.05 * abs(float(problem.optimal_cost(belief)))
-    _, ends = edge_of(problem, belief, limit)
-    np.testing.assert_allclose(ends.sum(axis=1), 1.0, atol=1e-12)
-    assert ends.min() >= 0.0
-    length = np.linalg.norm(ends - belief, axis=1)
-    regrets = problem.state_costs(problem.solve(ends)) @ belief - float(problem.optimal_cost(belief))
-    assert regrets.max() <= limit * (1 + NEAR_EDGE)
-    on_edge = np.isclose(regrets, limit, rtol=NEAR_EDGE) | (ends.min(axis=1) <= CLOSE)
-    assert on_edge.all()
-    rays, _ = farthest_decoys(problem, belief, limit)
-    assert length[0] >= np.linalg.norm(rays - belief, axis=1).max() * (1 - NEAR_EDGE)
-    assert (np.diff(length) <= NEAR_EDGE).all()
+    decision = CounterAdversarialDecisionMaker(problem, budget=0.05).decide(belief)
+    rays, _ = farthest_decoys(problem, belief, 0.05 * abs(decision.optimal_cost))
+    assert decision.privacy >= np.linalg.norm(rays - belief, axis=1).max() * (1 - NEAR_EDGE)
 
 
-def test_toward_a_target_climbs_come_nearer_than_the_ray_to_it():
+def test_toward_a_target_a_decision_is_nearer_than_the_ray_to_it():
     problem = MarkowitzProblem(*large_markets.large_market(4, 10, 3))
     belief, target = np.array([0.4, 0.3, 0.2, 0.1]), np.array([0.05, 0.05, 0.1, 0.8])
-    limit = 0.02 * abs(float(problem.optimal_cost(belief)))
-    aim, ends = edge_of(problem, belief, limit, target, -1.0)
-    shares = np.linspace(0, 1, 2001)[:, None]
-    along = belief + shares * (target - belief)
-    affordable = problem.state_costs(problem.solve(along)) @ belief - aim.optimal_cost <= limit
-    assert np.linalg.norm(ends[0] - target) <= np.linalg.norm(along[affordable][-1] - target) * (1 + NEAR_EDGE)
+    decision = CounterAdversarialDecisionMaker(problem, DesiredObfuscation(target), 0.02).decide(belief)
+    along = belief + np.linspace(0, 1, 2001)[:, None] * (target - belief)
+    regrets = problem.state_costs(problem.solve(along)) @ belief - decision.optimal_cost
+    affordable = regrets <= 0.02 * abs(decision.optimal_cost)
+    assert -decision.privacy <= np.linalg.norm(along[affordable][-1] - target) * (1 + NEAR_EDGE)
 
 
 def test_general_rows_are_searched_too():

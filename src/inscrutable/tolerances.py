@@ -118,12 +118,8 @@ BUDGET_SAFETY = 1e-8
 RAY_END = 1e-2
 """Relative accuracy of the end of an affordable ray, which is only a start for the polish."""
 
-EDGE_PROBE = 1e-6
-"""Step of the differences by which searches along the budget's boundary read the regret's slope: forward solves are exact to
-1e-12, so six digits are right."""
-
-EDGE_GAIN = 1e-5
-"""Share of the distance below which such a search's step gains nothing: searches within critical regions do the rest."""
+SLOPE_PROBE = 1e-6
+"""Step of the differences that read a cost's slope along a direction: costs are exact to 1e-12, so six digits are right."""
 
 CHORD = 2e-8
 """A gain in expected privacy below this is not worth a lottery, nor one more pass over the candidates."""

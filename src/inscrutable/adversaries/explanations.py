@@ -184,7 +184,7 @@ def _contradiction(problem: DecisionProblem, form: SmoothForm, u: Array) -> tupl
         return np.zeros(u.size), 0.0
     direction = direction / length
     # At kinks a gradient need not predict the cost of a change: compare the costs themselves.
-    probed = problem.state_costs(u + tolerances.EDGE_PROBE * direction)
+    probed = problem.state_costs(u + tolerances.SLOPE_PROBE * direction)
     if (probed >= problem.state_costs(u)).any():
         return np.zeros(u.size), 0.0
     return direction, float(answer.x[-1] * scale / (length if form.lift is not None else 1.0))

@@ -40,12 +40,15 @@ def answer(result: Backtest) -> str:
         groups.setdefault(_WHOM[naive, aware], []).append(name)
     unit = f"{_of_optimal(result)} basis points of risk-adjusted return a {result.market.frequency.word}"
     parts: list[str] = []
+    cost = "a cost of "
     for whom in filter(groups.__contains__, _WHOM.values()):
         names = groups[whom]
         prices = listed([_basis_points(figures[name]["mean_regret"]) for name in names])
         verb = f"hide the investor's belief over {len(result.regimes)} market regimes" if not parts else "hide it"
-        parts.append(f"{listed([full_name(name) for name in names])} weights {verb} from {whom}, at {prices}{unit}")
-        unit = ""
+        parts.append(
+            f"{listed([full_name(name) for name in names])} weights {verb} from {whom}, at {cost}{prices}{unit}"
+        )
+        unit = cost = ""
     return f"In short: {'; '.join(parts)}."
 
 
@@ -71,7 +74,7 @@ _SEEN = {
     "aware": _Seen("error_followed", "share_regime_named_followed"),
 }
 _WHOM = {
-    (True, True): "both observers",
+    (True, True): "both observers, naive and aware of the rule",
     (False, True): "the aware observer alone",
     (True, False): "the naive observer alone",
     (False, False): "neither observer",

@@ -1,7 +1,7 @@
 """The best decisions of many beliefs, each searched independently, from critical region to critical region.
 
 A search starts at the best candidates of every region and orthant, and at the ends of the budget on the rays to candidates
-beyond it; with more than four states also at the ends of `edge_climbs`.
+beyond it.
 """
 
 from __future__ import annotations
@@ -19,12 +19,11 @@ from inscrutable.budgets import Budget
 from inscrutable.decision_makers.candidate_sources import decided_by
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.results import Progress
-from inscrutable.decision_makers.search.edge_climbs import edge_decoys
 from inscrutable.decision_makers.search.partition import Partition, face_programme
 from inscrutable.geometry.equal_rows import distinct_patterns
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.geometry.low_discrepancy import simplex_cover
-from inscrutable.kernels.climb import Aim, Rules
+from inscrutable.kernels.climb import Rules
 from inscrutable.kernels.region_climb import Aims
 from inscrutable.kernels.region_search import (
     ENDED,
@@ -58,16 +57,15 @@ _FEW, _FARTHEST = 100, 1.5
 """Number of candidates, and more than any two beliefs are apart: where fewer are affordable no start is skipped, else 5 of 60
 decisions over four states lose up to 44 % at a budget of a hundredth."""
 _PAIRS = 4  # beliefs in two states only
-_EDGE_STATES = 5
-"""Climbs along the edge (20 ms a belief) from so many states on: of 72 beliefs on concentrated markets none is lost without
-them at X = 3 and 4, two of X = 5 (up to 6 %) and seven of X = 6 (up to 3 %). Where decisions have fewer free coordinates than
-beliefs, pairs do as much: of 1,080 decisions and lotteries there 6 change, by −0.2 % to 7 %, in half the time."""
+_SPARSE = 5
+"""From so many states on candidates lie too far apart to tell where a climb from them ends: no start is skipped. With skips 11
+of 672 decisions over five to eight states lose up to 19 %; over three and four states none of 864 decisions does."""
 _RAY_STEPS, _SPARED, _FARTHER = 8, 0.02, 4.0
 """Steps on a ray, the share of the budget that is not spent there, and the longest step. Without them two of 60 beliefs
 over two states with budgets of 1e-5 are lost."""
-_PATIENCE, _PATIENCE_IN_PLANE = 10, 4
-"""Regions whose neighbours are searched in vain before a search ends: with 3, X = 5 loses twice as much; with 4 at a price, 11
-of 200 lotteries over four to seven states lose up to 15 %."""
+_PATIENCE, _LEAST_PATIENCE = 4, 4
+"""Regions, for each state above two, whose neighbours are searched in vain before a search ends. With ten in all 10 of 672
+decisions over six and eight states lose up to 5 %, and lotteries 10 %; with 3 at X = 5 twice as much is lost."""
 
 
 class Decided(NamedTuple):
@@ -222,7 +220,7 @@ def rules_for(n_states: int) -> Rules:
     )
 
 
-_LIMITS = Tolerances(tolerances.POLISH, tolerances.ROW_IN_REACH, tolerances.STATIONARITY, _PATIENCE)
+_LIMITS = Tolerances(tolerances.POLISH, tolerances.ROW_IN_REACH, tolerances.STATIONARITY, 0)
 
 
 def best_in_regions(space: SearchSpace, aims: Aims, progress: Progress | None = None) -> Best:
@@ -293,8 +291,8 @@ def search(
     """Return what the searches of a block find from their starts; without `goes_on` in the starts' regions alone."""
     count, n_states = aims.beliefs.shape
     rules, partition = rules_for(n_states), space.partition
-    patience = _PATIENCE if n_states > 3 else _PATIENCE_IN_PLANE
-    limits = _LIMITS._replace(patience=patience if goes_on else 0)
+    patience = max(_LEAST_PATIENCE, _PATIENCE * (n_states - 2)) if goes_on else 0
+    limits = _LIMITS._replace(patience=patience)
     partition.make(starts.region)
     # Climbs of a turn: all starts; every row from the best and from the farthest decision, and freed ones.
     around = 2 * (len(space.problem.constraints.b_ub) + n_states)
@@ -349,13 +347,14 @@ def starts_of(space: SearchSpace, aims: Aims, n_starts: int, others: list[SomeSt
     index = chosen[0][steps, places]
     parts = [starts_in(steps, space.table.region[index], space.table.decoys[index], space.actions[index])]
     parts += _end_starts(space, aims, ends)
+    few = n_worth < _FEW
     if aims.sign > 0.0 and space.axes.shape[1] > space.actions.shape[1] - len(space.problem.constraints.b_eq):
         parts.append(_pair_starts(space, aims))
-    elif n_states >= _EDGE_STATES:
-        parts += _edge_starts(space, aims)
+    elif n_states >= _SPARSE and not aims.prices.any():
+        few[:] = True
     starts = together(aims, [*parts, *(others or ())])
     # Few candidates tell little about the value at the end of a climb: then no start is skipped.
-    starts.promise[np.repeat(n_worth < _FEW, np.diff(starts.first))] += _FARTHEST
+    starts.promise[np.repeat(few, np.diff(starts.first))] += _FARTHEST
     return starts
 
 
@@ -417,14 +416,6 @@ def _pair_starts(space: SearchSpace, aims: Aims) -> SomeStarts:
     steps, places = np.nonzero(np.take_along_axis(values, chosen, axis=1) > -np.inf)
     index = chosen[steps, places]
     return starts_at(space, steps, pairs.decoys[index], pairs.actions[index])
-
-
-def _edge_starts(space: SearchSpace, aims: Aims) -> Iterator[SomeStarts]:
-    """Where climbs along the budget's edge end."""
-    for t in np.flatnonzero((aims.limits > 0.0) & (aims.limits < np.inf)):
-        aim = Aim(aims.beliefs[t], aims.points[t], aims.sign, float(aims.optimal_costs[t]), float(aims.limits[t]), 0.0)
-        decoys = edge_decoys(space.problem, aim, space.table.decoys, space.table.costs)[:_STARTS]
-        yield starts_at(space, np.full(len(decoys), t), decoys, space.problem.solve_rows(decoys))
 
 
 def _end_starts(space: SearchSpace, aims: Aims, ends: Array) -> Iterator[SomeStarts]:

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from inscrutable.decision_makers import Frontier
-from inscrutable.experiments.backtest_results import Backtest
+from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest
 from inscrutable.experiments.holding import Requirement, estimate_quality
 from inscrutable.geometry import BeliefSet
 from inscrutable.reports.backtest import notes_of, timing_of, warnings_of, written_table
 from inscrutable.reports.backtest_plots import draw_hidden, step_of
 from inscrutable.reports.backtest_verdict import cautions, limits, verdict
-from inscrutable.reports.names import spelled
+from inscrutable.reports.names import FULL_NAMES, spelled
 from inscrutable.reports.page.budget_sweep import BudgetSweep, PlayedAt
 from inscrutable.reports.page.content import PageContent, PageFigure, PagePicture, PageSlider, PageTable
 from inscrutable.reports.page.manifest import hash_of, versions_told
@@ -42,8 +42,10 @@ def backtest_content(result: Backtest, title: str | None, manifest: Mapping[str,
     budgets = budget_texts(result, sweep.amounts)
     budgets[sweep.own] += ", the backtest's own"
     return PageContent(
-        title=title or f"Backtest: {len(result.assets)} assets, {len(result.beliefs)} {word}s",
-        header=f"{result.dates[0]:%Y-%m-%d} to {result.dates[-1]:%Y-%m-%d}; {timing_of(result)}.",
+        title=title
+        or f"What weights on {len(result.assets)} assets reveal of a belief over {len(result.regimes)} market regimes",
+        header=f"Backtest over {len(result.beliefs)} {word}s, {result.dates[0]:%Y-%m-%d} to {result.dates[-1]:%Y-%m-%d}; "
+        f"{timing_of(result)}.",
         verdict=verdict(result),
         lead=_lead(result),
         limits=limits(result),
@@ -324,15 +326,24 @@ def _figures_of_one(result: Backtest) -> list[PageFigure]:
 
 def _figures_over_time(result: Backtest) -> list[PageFigure]:
     """Return the figures of all decisions at one budget."""
+    word, absent = result.market.frequency.word, ""
+    if result.sequential is not None:
+        figures = result.figures[SEQUENTIAL]
+        absent = (
+            f" The {FULL_NAMES[SEQUENTIAL]} rule, whose budget holds in the long run, is not drawn: its regret is "
+            f"{figures['mean_regret_share']:.0%} of |c*| on average, at most {figures['largest_regret_share']:.0%} in a {word}."
+        )
     return [
         PageFigure(
             "privacy",
             "Privacy over time, at this budget",
-            f"There is one mark per {result.market.frequency.word}; for a lottery it is the expectation. The vertical line is "
+            f"There is one mark per {word}; for a lottery it is the expectation. The vertical line is "
             "the decision above.",
             True,
         ),
-        PageFigure("cost", "Regret over time, at this budget", "For a lottery the mark is its expectation.", True),
+        PageFigure(
+            "cost", "Regret over time, at this budget", f"For a lottery the mark is its expectation.{absent}", True
+        ),
         PageFigure(
             "beliefs",
             "What each observer believes, at this budget",

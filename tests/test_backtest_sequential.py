@@ -140,7 +140,10 @@ def test_what_is_said_of_it(found: Backtest, tmp_path: Path) -> None:
     prices, figures = found.sequential.maker.calibration, found.figures["SDM"]
     assert prices.loss - 4.0 * prices.loss_se <= figures["error_ceiling"] ** 2
     said = "\n".join(limits(found))
-    assert "(SDM: 50% of the silence regret, in the long run)" in said
+    assert (
+        "SDM: 50% of the silence regret, in the mean of the long run of the fitted regimes, more in single months)"
+        in said
+    )
     assert (
         f"and {figures['error_ceiling']:.2f}, in the long run of the fitted regimes. There the error without weights is "
         f"{found.sequential.maker.chain.prior.error:.2f}; in these months it is {figures['error_without']:.2f}" in said
@@ -191,7 +194,7 @@ def test_none_holds_is_said_as_such(found: Backtest) -> None:
     shifted = replace(found, sequential=read)
     shifted.__dict__["figures"] = weak
     assert any("follows all months: by none: " in each for each in verdict(shifted))
-    assert any("none of 1 other draws would have hidden" in each for each in verdict(shifted))
+    assert any("none of 1 other runs over all months would have hidden" in each for each in verdict(shifted))
 
 
 def test_a_budget_of_its_own_none_and_what_it_is_not_played_for(monkeypatch: pytest.MonkeyPatch) -> None:

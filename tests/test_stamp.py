@@ -25,3 +25,17 @@ def test_kernels_of_other_sources_are_forgotten(tmp_path: Path) -> None:
     other.write_text("", "utf-8")
     forget_other_sources(tmp_path)
     assert not any(path.exists() for path in compiled)
+
+
+def test_kernels_of_other_tolerances_are_forgotten(tmp_path: Path) -> None:
+    sources, numbers = tmp_path / "kernels", tmp_path / "tolerances.py"
+    compiled = sources / "__pycache__" / "one.f-1.py311.nbi"
+    compiled.parent.mkdir(parents=True)
+    numbers.write_text("A = 1e-9\n", "utf-8")
+    forget_other_sources(sources)
+    compiled.write_bytes(b"kept")
+    forget_other_sources(sources)
+    assert compiled.exists(), "the same numbers"
+    numbers.write_text("A = 1e-10\n", "utf-8")
+    forget_other_sources(sources)
+    assert not compiled.exists()

@@ -30,12 +30,13 @@ from inscrutable.kernels.faces import (
 )
 from inscrutable.kernels.options import inlined, integer, internal, uncounted
 from inscrutable.kernels.projection import NO_EQUALITIES, at_unit_length, project_in, room_for
+from inscrutable.kernels.rounding import NO_DISTANCE, TINY
 
 # Newton steps onto the rows: from a start, from a step's end, and to see whether they hold.
 _FIRST_TURNS, _LATER_TURNS, _NO_TURNS = integer(8), integer(3), integer(0)
 _TRIALS_A_ROUND = 6
 _NEARBY = 1e-3  # a row is left out of the steps until its value has come below this
-_SHIFTS, _FIRST_SHIFT, _TINY = 60, 1e-3, 1e-300  # of the Hessian, in units of its size
+_SHIFTS, _FIRST_SHIFT = 60, 1e-3  # of the Hessian, in units of its size
 _GROWTH = 4.0  # of the shift, from one to the next
 _CONVEX = 1e-9  # least share of a pivot that may remain
 SHORTER, SHORTEST = 0.3, 1e-3  # a step that does not help is cut to this share, and given up below that
@@ -158,7 +159,7 @@ def _convexified(matrix: Any, bends: tuple[int, float, float], factor: Any) -> N
             positive = positive and factor[i, i] > 0.0
         if positive and cholesky(factor, n, _CONVEX):
             return
-        shift = max(growth * shift, _FIRST_SHIFT * size, _TINY)
+        shift = max(growth * shift, _FIRST_SHIFT * size, TINY)
 
 
 class StepRoom(NamedTuple):
@@ -238,8 +239,8 @@ def _curvature(curves: Any, rows: Any, aim: Any, y: Any, place: Any, weights: An
             if aim.limit < np.inf:
                 full[i, k] = -aim.sign * same
             else:
-                along = (y[i] - aim.point[i]) * (y[k] - aim.point[k]) / max(square, 1e-300)
-                full[i, k] = -aim.sign * (same - along) / max(length, 1e-12)
+                along = (y[i] - aim.point[i]) * (y[k] - aim.point[k]) / max(square, TINY)
+                full[i, k] = -aim.sign * (same - along) / max(length, NO_DISTANCE)
     if on_regret != 0.0:
         add_regret_curvature(curves, aim.belief, y, place.gradients, place.slopes, on_regret, scratch, full)
     for r in range(rows.shape[0]):
@@ -260,7 +261,7 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, y: Any, place: Any, hel
     length = 0.0
     for i in range(n_states):
         length += (y[i] - aim.point[i]) * (y[i] - aim.point[i])
-    length = max(np.sqrt(length), 1e-12)
+    length = max(np.sqrt(length), NO_DISTANCE)
     size = 0.0
     for c in range(n):
         total = 0.0

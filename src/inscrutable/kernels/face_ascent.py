@@ -20,6 +20,7 @@ from inscrutable.kernels.copies import put
 from inscrutable.kernels.faces import cholesky, row_value, solve_factored
 from inscrutable.kernels.options import inlined, integer, internal
 from inscrutable.kernels.projection import at_unit_length, project
+from inscrutable.kernels.rounding import FLAT, NO_DISTANCE
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 
 _NONE = integer(0)
@@ -76,7 +77,7 @@ def set_distance_model(
         slope[a] = 0.0
         for b in range(k):
             hessian[a, b] = 0.0
-    if not cholesky(gram, q, 1e-13):
+    if not cholesky(gram, q, FLAT):
         return
     solve_factored(gram, q, eta)
     twist = np.zeros((k, n))
@@ -187,7 +188,7 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, place: Any, active: Any
     slope[:] = 0.0
     hessian[:, :] = 0.0
     set_distance_model(rows, aim.point, basis, w, z, active, slope, hessian)
-    length = max(distance, 1e-12)
+    length = max(distance, NO_DISTANCE)
     for a in range(k):
         for b in range(k):
             if aim.limit < np.inf:

@@ -13,10 +13,10 @@ from inscrutable.kernels.face_ascent import cost_model
 from inscrutable.kernels.faces import cholesky
 from inscrutable.kernels.options import inlined, internal, uncounted
 from inscrutable.kernels.projection import NO_EQUALITIES, at_unit_length
+from inscrutable.kernels.rounding import FLAT
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 
 _FARTHEST = 1.5  # more than any two beliefs are apart
-_FLAT = 1e-13  # a slope that counts as zero
 _LONGEST = 1e6  # step along an unbounded line
 _TRIES = 4
 _SHRINK = 0.5
@@ -56,7 +56,7 @@ def _interval(face: Any, aim: Any, w: Any, direction: Any, limit: float, near: f
         for a in range(k):
             value += face.rows[r, 0, a] * w[a]
             speed += face.rows[r, 0, a] * direction[a]
-        if abs(speed) <= _FLAT:
+        if abs(speed) <= FLAT:
             if value < -near:
                 return 1.0, -1.0
         elif speed > 0.0:

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable.kernels.options import inlined, integer, internal, kernel, uncounted
+from inscrutable.kernels.rounding import DEPENDENT, FLAT
 
 NO_EQUALITIES = integer(0)
 _NONE = integer(0)
-_FLAT = 1e-13  # a row of unit size that no coordinate moves
 
 
 class ProjectionRoom(NamedTuple):
@@ -47,7 +47,7 @@ def at_unit_length(row: Any, value: float) -> tuple[float, float]:
     for i in range(row.size):
         length += row[i] * row[i]
     length = np.sqrt(length)
-    if length <= _FLAT:
+    if length <= FLAT:
         length, value = 1.0, max(value, 0.0)
     for i in range(row.size):
         row[i] /= length
@@ -165,7 +165,7 @@ def project_in(
             for c in range(n_active):
                 if active[c] >= n_equal and along[c] > 0.0 and eta[c] / along[c] < longest:
                     longest, leaving = eta[c] / along[c], c
-            if n_active >= size or left <= 1e-14:
+            if n_active >= size or left <= DEPENDENT:
                 if violation >= -near:  # nothing left to remove: the row repeats active ones
                     break
                 if leaving < 0:

@@ -23,6 +23,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.kernels.faces import solve_factored
 from inscrutable.kernels.options import fused, inlined, integer, internal, kernel, summed
+from inscrutable.kernels.rounding import TINY
 from inscrutable.kernels.sequential_estimates import StepData, longest, own_cost, own_curve, own_slope
 
 _SOLVED, _RESIDUAL = tolerances.SOLVED_STEP, tolerances.LAW_RESIDUAL
@@ -34,7 +35,6 @@ _FULL_STEPS = 2  # taken at the end, where rounding hides the gain
 _REFRESHED = integer(3)  # Newton steps of the estimate after a decision of probability 0
 _ARMIJO, _CUT, _SHORTEST = 1e-4, 0.3, 1e-9
 _RIDGE, _STEEPER, _TRIES = 1e-14, 100.0, 12  # share of a diagonal added to it, and how much more each time
-_TINY = 1e-300
 _NONE = integer(0)
 _SMALLEST, _STEEPEST = 1e-290, 700.0  # e^-700 has full precision, and thousands of e^700 add up to a number
 _TURN, _HIGH, _LOW = (
@@ -68,7 +68,7 @@ def room_for_point(n: int, d: int, count: int) -> Point:
 @internal
 def factored(matrix: Any, factor: Any, n: int) -> None:
     """factor = Cholesky factor of the first n rows, with enough added to the diagonal to make them positive definite."""
-    largest = _TINY
+    largest = TINY
     for i in range(n):
         largest = max(largest, matrix[i, i])
     ridge = _RIDGE * largest
@@ -505,7 +505,7 @@ def _first_length(weights: Any, data: StepData, price: float, point: Point, play
         for a in range(played.size):
             moved += point.law[played[a]] * point.ratios[played[a], b] * abs(turns[a] - mean)
         most = max(most, moved)
-    return min(1.0, _LOGIT / max(most, _TINY))
+    return min(1.0, _LOGIT / max(most, TINY))
 
 
 @internal

@@ -13,8 +13,8 @@ import numpy as np
 from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.options import inlined, integer, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.projection import project_in, room_for
+from inscrutable.kernels.rounding import FLAT
 
-_FLAT = 1e-13  # a row that no belief of the simplex moves
 NO_ROW = integer(-1)
 
 
@@ -137,7 +137,7 @@ def _inequalities(face: Any, w: Any, rules: Any, n_equal: int, reversed_row: int
             room.units[last, c] = total
             length += total * total
         length = np.sqrt(length)
-        if length <= _FLAT:
+        if length <= FLAT:
             if mean < -rules.explained:
                 return -1
             continue

@@ -38,7 +38,9 @@ def answer(result: Backtest) -> str:
     for name in hiding:
         naive, aware = (asked.is_met(seen.reached(name, figures[name])) for seen in _SEEN.values())
         groups.setdefault(_WHOM[naive, aware], []).append(name)
-    unit = f"{_of_optimal(result)} basis points of risk-adjusted return a {result.market.frequency.word}"
+    unit, worth = f" basis points of risk-adjusted return a {result.market.frequency.word}", _worth(result)
+    if worth > 0.0:
+        unit += f", of {_basis_points(worth)} that the belief is worth"
     parts: list[str] = []
     cost = "a cost of "
     for whom in filter(groups.__contains__, _WHOM.values()):
@@ -52,10 +54,10 @@ def answer(result: Backtest) -> str:
     return f"In short: {'; '.join(parts)}."
 
 
-def _of_optimal(result: Backtest) -> str:
-    """Return the risk-adjusted return of the best decisions, of which the price is a part; empty where some have none."""
-    optimal = result.episode.records[result.names[0]].decisions.optimal_cost
-    return f" of {_basis_points(-optimal.mean())}" if (optimal <= 0.0).all() and optimal.any() else ""
+def _worth(result: Backtest) -> float:
+    """Return what the belief is worth to the investor: the regret of the constant portfolio for its long-run mean, or NaN."""
+    known = result.aware is not None and result.rival_is_own
+    return result.figures[result.names[0]]["worth_secret"] if known else float("nan")
 
 
 class _Seen(NamedTuple):
@@ -119,7 +121,7 @@ def limits(result: Backtest) -> list[str]:
     means = [f"PDM: in the mean of its two outcomes, each {word}"] if "PDM" in result.names else []
     if result.sequential is not None:
         own = f"{SHARE_OF_SILENCE:.0%} of the silence regret, " if result.settings.budget is None else ""
-        means.append(f"{SEQUENTIAL}: {own}in the mean of the long run, more in single {word}s")
+        means.append(f"{SEQUENTIAL}: {own}in the mean of the long run of the fitted regimes, more in single {word}s")
     budget += f" ({'; '.join(means)})" if means else ""
     hiding = result.names[1:]
     said = [f"{names}; each hides within a {budget}."] if hiding else [f"{names}."]
@@ -201,8 +203,8 @@ def _other_draws(result: Backtest) -> list[str]:
     if held == len(others):
         return []
     return [
-        f"The {FULL_NAMES[SEQUENTIAL]} rule draws its decisions: {held or 'none'} of {len(others)} other draws would have "
-        "hidden the belief from the aware observer."
+        f"The {FULL_NAMES[SEQUENTIAL]} rule draws its decisions: {held or 'none'} of {len(others)} other runs over all "
+        f"{result.market.frequency.word}s would have hidden the belief from the aware observer."
     ]
 
 
@@ -229,14 +231,13 @@ def _silence(result: Backtest) -> str:
     dearer = {name: regret for name, regret in spent.items() if regret > result.silence_regret}
     if not dearer:
         return ""
-    beforehand = ""
-    if result.aware is not None and result.rival_is_own:
-        known = result.figures[result.names[0]]["worth_secret"]
-        beforehand = f"; the best one for the long-run mean of the belief, known beforehand, {_POINTS * known:.3g}"
+    worth, beforehand = _worth(result), ""
+    if worth > 0.0:
+        beforehand = f" Known beforehand is the best one for the long-run mean of the belief; it would have cost {_POINTS * worth:.3g}."
     return (
-        "Silence would have been cheaper: the best constant portfolio, known only in hindsight, reveals nothing and would have "
-        f"cost {_POINTS * result.silence_regret:.3g} basis points a {result.market.frequency.word} instead of "
-        f"{listed([f'{_POINTS * each:.3g} ({full_name(name)})' for name, each in dearer.items()])}{beforehand}."
+        "In hindsight silence would have been cheaper: the best constant portfolio for these beliefs reveals nothing and would "
+        f"have cost {_POINTS * result.silence_regret:.3g} basis points a {result.market.frequency.word} instead of "
+        f"{listed([f'{_POINTS * each:.3g} ({full_name(name)})' for name, each in dearer.items()])}.{beforehand}"
     )
 
 

@@ -233,7 +233,10 @@ def _silence(result: Backtest) -> str:
         return ""
     worth, beforehand = _worth(result), ""
     if worth > 0.0:
-        beforehand = f" Known beforehand is the best one for the long-run mean of the belief; it would have cost {_POINTS * worth:.3g}."
+        beforehand = (
+            " Known beforehand is the best one for the long-run mean of the belief; it would have cost "
+            f"{_POINTS * worth:.3g}."
+        )
     return (
         "In hindsight silence would have been cheaper: the best constant portfolio for these beliefs reveals nothing and would "
         f"have cost {_POINTS * result.silence_regret:.3g} basis points a {result.market.frequency.word} instead of "

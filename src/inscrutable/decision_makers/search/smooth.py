@@ -27,7 +27,6 @@ _POINTS = 7
 _ROUNDS = 10
 _FIRST_SPREAD = 0.5
 _SHRINK = 0.4
-_HOPE = 1.0
 _ROUGH = 0.01
 
 
@@ -35,10 +34,10 @@ class _Climb:
     """The state of the search from one decoy."""
 
     def __init__(self, goal: Goal, tight: np.ndarray, decoy: Array, basis: Array) -> None:
-        self.tight, self.length = tight, float(np.linalg.norm(decoy - goal.belief))
+        self.tight, length = tight, float(np.linalg.norm(decoy - goal.belief))
         self.value, self.action = -np.inf, np.zeros(0)
-        self.direction = basis.T @ (decoy - goal.belief) / max(self.length, tolerances.SAME_BELIEF)
-        self.is_open = self.length > tolerances.SAME_BELIEF
+        self.direction = basis.T @ (decoy - goal.belief) / max(length, tolerances.SAME_BELIEF)
+        self.is_open = length > tolerances.SAME_BELIEF
         self._rng = np.random.default_rng(0)  # the pattern of trial points, the same at every call
 
     def turned(self, spread: float) -> Array:
@@ -54,11 +53,10 @@ class _Climb:
             self.direction = turned[index] / np.linalg.norm(turned[index])
 
 
-def climb_on_rays(goal: Goal, tight: Sequence[np.ndarray], decoys: Sequence[Array], known: float) -> list[Array | None]:
+def climb_on_rays(goal: Goal, tight: Sequence[np.ndarray], decoys: Sequence[Array]) -> list[Array | None]:
     """Return, for each of some decoys, the decision on its face `tight` whose decoy is best, from the decoy's direction.
 
-    None where the face is left, or where the search cannot exceed the privacy `known`. All searches run together: a
-    problem solves many beliefs almost as fast as one.
+    None where the face is left. All searches run together: a problem solves many beliefs almost as fast as one.
     """
     basis = sum_zero_basis(goal.belief.size)
     climbs = [_Climb(goal, *start, basis) for start in zip(tight, decoys, strict=True)]
@@ -66,8 +64,6 @@ def climb_on_rays(goal: Goal, tight: Sequence[np.ndarray], decoys: Sequence[Arra
     for _ in range(_ROUNDS if size > 1 else 1):
         # The gain left in the direction is of the order of spread²: lengths need no more accuracy.
         _turn(goal, climbs, basis, spread, max(_ROUGH * spread**2, tolerances.BUDGET_SAFETY))
-        for climb in climbs:
-            climb.is_open &= climb.value == -np.inf or climb.value + _HOPE * spread * climb.length >= known
         spread *= _SHRINK if size == 2 else np.sqrt(_SHRINK)
     for climb in climbs:
         climb.is_open &= climb.value > -np.inf
@@ -109,9 +105,6 @@ def _turns(direction: Array, rng: np.random.Generator) -> Array:
 _FACES = 10
 _STARTS_A_FACE = 3
 _STARTS_APART = 0.1
-_MORE = 3  # times as many starts at a time as before, beginning with one: with all at once four searches are wasted
-_PROMISE = 1.15
-"""The largest distance at a search's end, over that at its start; starts that promise less than is found are skipped."""
 _ZOOM_POINTS = 41
 _ZOOM_ROUNDS = 7
 
@@ -124,44 +117,29 @@ class Trial(NamedTuple):
 
 
 class Start(NamedTuple):
-    """A start on a face: the face's tight rows, a decoy, a decision, and an estimate of the largest value reached from it."""
+    """A start on a face: the face's tight rows, a decoy and a decision."""
 
     tight: np.ndarray
     decoy: Array
     action: Array
-    promise: float
 
 
 def polish(goal: Goal, scores: Scores) -> Trial | None:
     """Return the best decision reached from the most promising faces."""
-    best: Trial | None = None
-    starts, count = _starts(goal, scores), 1
-    while starts:
-        some, starts, count = starts[:count], starts[count:], _MORE * count
-        promising = [start for start in some if best is None or start.promise > best.privacy + tolerances.POLISH]
-        best = _improved(goal, promising, best)
-    return best
-
-
-def _improved(goal: Goal, starts: list[Start], best: Trial | None) -> Trial | None:
-    """The best decision of searches from some starts, or `best` itself."""
-    known = -np.inf if best is None else best.privacy
     on_rays: list[Start] = []
     others = []
-    for start in starts:
+    for start in _starts(goal, scores):
         free = _free_directions(goal, start)
         if _goes_on_rays(goal, free):
             on_rays.append(start)
         else:
             others.append(_improve(goal, start, free))
-    reached = climb_on_rays(goal, [start.tight for start in on_rays], [start.decoy for start in on_rays], known)
+    reached = climb_on_rays(goal, [start.tight for start in on_rays], [start.decoy for start in on_rays])
     trials = [
         judge(goal, start.action if action is None else action) for start, action in zip(on_rays, reached, strict=True)
     ]
-    for trial in trials + others:
-        if trial is not None and (best is None or trial.privacy > best.privacy):
-            best = trial
-    return best
+    found = [trial for trial in trials + others if trial is not None]
+    return max(found, key=lambda trial: trial.privacy, default=None)
 
 
 def _starts(goal: Goal, scores: Scores) -> list[Start]:
@@ -174,9 +152,6 @@ def _starts(goal: Goal, scores: Scores) -> list[Start]:
     actions = np.vstack([scores.candidates.actions[affordable], actions])
     decoys = np.vstack([sets.start[affordable], decoys])
     value = np.concatenate([scores.privacies[affordable], reach])
-    # Near a ray little is farther than its end; toward a target nothing is better than the target itself.
-    length = np.linalg.norm(decoys - goal.reference.point, axis=1)
-    promise = _PROMISE * length if goal.reference.sign > 0 else np.zeros(len(length))
     spread = _STARTS_APART * float(np.ptp(decoys, axis=0).max(initial=0.0))
     slack = region.slacks(actions)
     # The face an observer sees; and, where rows are slack by less than the least, the one with those rows loose.
@@ -188,7 +163,7 @@ def _starts(goal: Goal, scores: Scores) -> list[Start]:
         for tight in (seen[i], exact[i]) if between[i] else (seen[i],):
             known = faces.setdefault(tight.tobytes(), [])
             if len(known) < _STARTS_A_FACE and all(np.linalg.norm(decoys[i] - s.decoy) > spread for s in known):
-                known.append(Start(tight, decoys[i], actions[i], float(promise[i])))
+                known.append(Start(tight, decoys[i], actions[i]))
         if len(faces) >= _FACES:
             break
     return [start for known in list(faces.values())[:_FACES] for start in known] + _leaving(goal)
@@ -216,7 +191,7 @@ def _leaving(goal: Goal) -> list[Start]:
         if speed <= tolerances.ON_FACE:
             continue
         step = region.played_slack * region.row_scale[row] / speed
-        starts.append(Start(others, goal.belief, np.asarray(optimal + step * inward), np.inf))
+        starts.append(Start(others, goal.belief, np.asarray(optimal + step * inward)))
     return starts
 
 

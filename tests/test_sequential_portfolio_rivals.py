@@ -18,8 +18,10 @@ from inscrutable import (
     RivalProblem,
     SequentialDecisionMaker,
 )
+from inscrutable.decision_makers.sequential import step
 from inscrutable.decision_makers.sequential.smooth_rival import ActedOn, SmoothRival
 from inscrutable.decision_makers.sequential.step import StepRule
+from inscrutable.errors import SolverError
 from inscrutable.geometry.grids import simplex_grid
 from inscrutable.mechanisms.chains import resting_chain
 from sizes import instances
@@ -180,3 +182,16 @@ def test_decisions_that_enter_in_vain_enter_twice(monkeypatch: pytest.MonkeyPatc
     with pytest.raises(pytest.fail.Exception):
         decided(market(np.random.default_rng(1), told=0.03))
     assert max(calls.count(price) for price in calls) <= 20  # twice in every continuation, and some starts
+
+
+def test_a_step_that_is_not_solved_ends_in_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the smooth solve fails, the list of answers grows, and with it the time of a round: the work is limited."""
+    smoothly = StepRule._smoothly
+
+    def failed(self: StepRule, *arguments: Any) -> Any:
+        return *smoothly(self, *arguments)[:-1], np.inf
+
+    monkeypatch.setattr(StepRule, "_smoothly", failed)
+    monkeypatch.setattr(step, "_ANSWERING_WORK", 1e9)
+    with pytest.raises(SolverError, match="take a larger information_price"):
+        decided(market(np.random.default_rng(437117587), told=0.03))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -18,6 +18,10 @@ from inscrutable import (
     RivalProblem,
     SequentialDecisionMaker,
 )
+from inscrutable.decision_makers.sequential import step
+from inscrutable.decision_makers.sequential.smooth_rival import ActedOn, SmoothRival
+from inscrutable.decision_makers.sequential.step import StepRule
+from inscrutable.errors import SolverError
 from inscrutable.geometry.grids import simplex_grid
 from inscrutable.mechanisms.chains import resting_chain
 from sizes import instances
@@ -82,20 +86,43 @@ def best_logs(maker: SequentialDecisionMaker, rows: Rows) -> np.ndarray:
     return np.asarray(logsumexp(offers / prices.information, b=rows.law @ rows.table, axis=1))
 
 
+def gain_logs(maker: SequentialDecisionMaker, rows: Rows, m: int) -> np.ndarray:
+    """log p − log z − s ρ / λ of a decision under every belief."""
+    prices = maker.calibration.prices(0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(
+            np.log(rows.law) - best_logs(maker, rows) - prices.regret * rows.regrets[:, m] / prices.information
+        )
+
+
+def near_best(maker: SequentialDecisionMaker, logs: np.ndarray) -> np.ndarray:
+    """About the belief at which log c is least: it is convex in the rival's portfolio, and has false minima in the belief."""
+    rival, price = maker.loss.problem, maker.calibration.prices(0).information
+
+    def gain(portfolio: np.ndarray) -> tuple[float, np.ndarray]:
+        found = logs + maker.beliefs @ rival.state_costs(portfolio) / price
+        mean = np.exp(found - logsumexp(found)) @ maker.beliefs
+        return float(logsumexp(found)), mean @ (rival.hessians @ portfolio + rival.linear) / price
+
+    grid = rival.solve(simplex_grid(3, 40))
+    start = grid[logsumexp(logs[:, None] + maker.beliefs @ rival.state_costs(grid).T / price, axis=0).argmin()]
+    whole = {"type": "eq", "fun": lambda u: u.sum() - 1.0, "jac": np.ones_like}
+    found = minimize(
+        gain, start, jac=True, method="SLSQP", bounds=[(0.0, 1.0)] * 6, constraints=whole, options={"ftol": 1e-12}
+    )
+    terms = logs + maker.beliefs @ rival.state_costs(found.x) / price
+    return np.asarray(np.exp(terms - logsumexp(terms)) @ maker.beliefs)
+
+
 def least_gain(maker: SequentialDecisionMaker, rows: Rows, m: int) -> float:
-    """log c of a decision at the rival's best answer to it, by a grid and a simplex search over the belief it acts on."""
-    prices, held = maker.calibration.prices(0), best_logs(maker, rows)
-    some = rows.law > 0
-    logs = np.log(rows.law[some]) - held[some] - prices.regret * rows.regrets[some, m] / prices.information
+    """log c of a decision at the rival's best answer to it, by a simplex search over the belief it acts on."""
+    logs, rival, price = gain_logs(maker, rows, m), maker.loss.problem, maker.calibration.prices(0).information
 
     def gain(free: np.ndarray) -> float:
         belief = np.exp(np.append(free, 0.0) - logsumexp(np.append(free, 0.0)))
-        answer = maker.loss.problem.state_costs(maker.loss.problem.solve(belief))
-        return float(logsumexp(logs + maker.beliefs[some] @ answer / prices.information))
+        return float(logsumexp(logs + maker.beliefs @ rival.state_costs(rival.solve(belief)) / price))
 
-    grid = np.maximum(simplex_grid(3, 40), 1e-6)
-    answers = maker.loss.problem.state_costs(maker.loss.problem.solve(grid / grid.sum(axis=1, keepdims=True)))
-    start = grid[logsumexp(logs[:, None] + maker.beliefs[some] @ answers.T / prices.information, axis=0).argmin()]
+    start = np.maximum(near_best(maker, logs), 1e-6)
     return float(minimize(gain, np.log(start[:2] / start[2]), method="Nelder-Mead").fun)
 
 
@@ -116,3 +143,55 @@ def test_every_step_of_a_path_is_solved_to_its_gap(fresh_rng: np.random.Generato
             for m in fresh_rng.choice(others, size=2, replace=False):
                 assert least_gain(maker, rows, m) <= 1e-5
             sequence.publish(lottery.actions[int(fresh_rng.choice(len(lottery.actions), p=lottery.probabilities))])
+
+
+def decided(maker: SequentialDecisionMaker) -> None:
+    """The first decision of a path."""
+    sequence = maker.begin()
+    sequence.observe()
+    sequence.decide(maker.beliefs[0])
+
+
+@pytest.mark.parametrize("seed", [437117587, 1078])
+def test_no_answers_are_listed_where_they_move_smoothly(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    """Here a decision gains near the belief it was priced from, and not where the rival holds another set of assets."""
+    monkeypatch.setattr(StepRule, "_solved", lambda *_: pytest.fail("the rival's answers are listed"))
+    decided(market(np.random.default_rng(seed), told=0.03))
+
+
+def test_bounds_of_gains_are_bounds_where_powers_overflow(fresh_rng: np.random.Generator) -> None:
+    """Else a decision that gains is left out, and the step counts as solved."""
+    offers, paid = (scale * fresh_rng.normal(size=(30, 50)) for scale in (1500.0, 1000.0))
+    offers[fresh_rng.uniform(size=offers.shape) < 0.1] = -np.inf
+    rival = MarkowitzProblem(np.zeros((2, 2)), np.tile(np.eye(2), (2, 1, 1)), 1.0)
+    bounds, _ = SmoothRival(rival, np.empty((1, 50, 2)), offers, 1.0)._bounded(np.full(30, np.inf), paid)
+    least = logsumexp(offers[:, None] + paid, axis=2).min(axis=1)
+    assert (bounds >= least - 1e-9).all()
+
+
+def test_decisions_that_enter_in_vain_enter_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rounds end where pricing names a decision that the law then does not play, time after time."""
+    calls: list[float] = []
+
+    def same(self: SmoothRival, weights: np.ndarray, point: Any, known: Any) -> tuple[float, ActedOn, Any]:
+        calls.append(self.price)
+        return 1.0, ActedOn(point.numbers[:0], point.law[:0], point.beliefs[:0]), known
+
+    monkeypatch.setattr(SmoothRival, "_entering", same)
+    monkeypatch.setattr(StepRule, "_solved", lambda *_: pytest.fail("solved otherwise"))
+    with pytest.raises(pytest.fail.Exception):
+        decided(market(np.random.default_rng(1), told=0.03))
+    assert max(calls.count(price) for price in calls) <= 20  # twice in every continuation, and some starts
+
+
+def test_a_step_that_is_not_solved_ends_in_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the smooth solve fails, the list of answers grows, and with it the time of a round: the work is limited."""
+    smoothly = StepRule._smoothly
+
+    def failed(self: StepRule, *arguments: Any) -> Any:
+        return *smoothly(self, *arguments)[:-1], np.inf
+
+    monkeypatch.setattr(StepRule, "_smoothly", failed)
+    monkeypatch.setattr(step, "_ANSWERING_WORK", 1e9)
+    with pytest.raises(SolverError, match="take a larger information_price"):
+        decided(market(np.random.default_rng(437117587), told=0.03))

@@ -509,8 +509,11 @@ def _first_length(weights: Any, data: StepData, price: float, point: Point, play
 
 
 @internal
-def settled(weights: Any, data: StepData, price: float, columns: Any, point: Point) -> Point:
-    """The saddle point on some decisions, from the law and the estimates given."""
+def settled(weights: Any, data: StepData, price: float, columns: Any, point: Point, work: Any) -> Point:
+    """The saddle point on some decisions, from the law and the estimates given, or where the `work` (1,) allowed is done.
+
+    Work is counted in products of numbers.
+    """
     n, d = point.estimates.shape
     value = saddle_value(weights, data, price, columns, point)
     if d == 0:
@@ -518,6 +521,9 @@ def settled(weights: Any, data: StepData, price: float, columns: Any, point: Poi
     ahead, logs, found = room_for_point(n, d, weights.size), np.empty(weights.size), np.empty(n)
     full = 0
     for _ in range(_NEWTON_STEPS):
+        work[0] -= (n * d) ** 2 * (weights.size + n * d)
+        if work[0] < 0.0:
+            break
         remaining_logs(weights, point, logs)
         for m in range(n):
             if not point.law[m] > 0.0:  # changes no value, and tells whether the decision could enter

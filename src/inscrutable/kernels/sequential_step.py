@@ -189,7 +189,7 @@ def _joined(columns: Any, point: Point, added: Any, gains: Any, estimates: Any) 
 
 @internal
 def _at_price(
-    weights: Any, data: StepData, price: float, columns: Any, point: Point, gains: Any, estimates: Any
+    weights: Any, data: StepData, price: float, columns: Any, point: Point, gains: Any, estimates: Any, work: Any
 ) -> Any:
     """The optimal step at a price of information, from some decisions: which are active, their law, and the largest log c.
 
@@ -199,10 +199,11 @@ def _at_price(
     for _ in range(_ROUNDS):
         added = _priced(weights, data, price, columns, point, gains, estimates)
         worst = max(gains.max(), 0.0)
-        if not added.size:
+        work[0] -= gains.size * data.points.shape[0] ** 2 * (weights.size + data.points.shape[0])
+        if not added.size or work[0] < 0.0:
             break
         columns, point = _joined(columns, point, added, gains, estimates)
-        point = settled(weights, data, price, columns, point)
+        point = settled(weights, data, price, columns, point, work)
         nothing = np.empty(0, np.int64)
         columns, smaller = _joined(columns, point, nothing, gains, estimates)
         saddle_value(weights, data, price, columns, smaller)
@@ -240,7 +241,7 @@ def _eased(data: StepData, barrier: float) -> StepData:
 
 
 @inlined
-def _begun(weights: Any, data: StepData, columns: Any) -> Point:
+def _begun(weights: Any, data: StepData, columns: Any, work: Any) -> Point:
     """Some decisions, equally likely, with the prior's estimate after each; for a rival with answers, its best mixture."""
     d, count = data.points.shape
     point = room_for_point(columns.size, d, count)
@@ -250,8 +251,8 @@ def _begun(weights: Any, data: StepData, columns: Any) -> Point:
         if columns.size == 1:
             barrier = max(data.price, data.barrier)
             while True:
-                point = settled(weights, _eased(data, barrier), data.price, columns, point)
-                if barrier <= data.barrier:
+                point = settled(weights, _eased(data, barrier), data.price, columns, point, work)
+                if barrier <= data.barrier or work[0] < 0.0:
                     return point
                 barrier = max(_LOWER * barrier, data.barrier)
         return point
@@ -263,18 +264,21 @@ def _begun(weights: Any, data: StepData, columns: Any) -> Point:
 
 
 @kernel
-def solved_step(weights: Any, data: StepData, kept: int, near: Any, near_law: Any, near_estimates: Any) -> Any:
+def solved_step(
+    weights: Any, data: StepData, kept: int, near: Any, near_law: Any, near_estimates: Any, work: Any
+) -> Any:
     """Return the decisions (n,) of positive probability, their law, the estimates after them, and the largest log c.
 
     First it tests whether a constant decision is optimal: `kept`, where its mean regret is the least, or the least one. Then it
-    starts from the decisions `near` of a similar case, with their law and estimates, where there are any.
+    starts from the decisions `near` of a similar case, with their law and estimates, where there are any. It ends where the
+    `work` (1,) allowed, in products of numbers, is done, and takes what it did from it.
     """
     d, count = data.points.shape
     gains, estimates = np.full(len(data.values), -np.inf), np.full((len(data.values), d), 1.0 / (data.width + 1.0))
     columns = _covering(weights, data)
     if columns.size == 1 and kept >= 0 and _is_tied(weights, data, kept, columns[0]):
         columns[0] = kept
-    point = _begun(weights, data, columns)
+    point = _begun(weights, data, columns, work)
     if columns.size == 1:
         saddle_value(weights, data, data.price, columns, point)
         _priced(weights, data, data.price, columns, point, gains, estimates)
@@ -283,8 +287,8 @@ def solved_step(weights: Any, data: StepData, kept: int, near: Any, near_law: An
         if near.size:
             begun = room_for_point(near.size, d, count)
             begun.law[:], begun.estimates[:] = np.maximum(near_law, _BACK), near_estimates
-            begun = settled(weights, data, data.price, near, begun)
-            start, begun, worst = _at_price(weights, data, data.price, near, begun, gains, estimates)
+            begun = settled(weights, data, data.price, near, begun, work)
+            start, begun, worst = _at_price(weights, data, data.price, near, begun, gains, estimates, work)
             if worst <= _KEPT:
                 return start, begun.law / begun.law.sum(), begun.estimates, worst
     above = max(data.first_price / data.price, 1.0)
@@ -296,12 +300,14 @@ def solved_step(weights: Any, data: StepData, kept: int, near: Any, near_law: An
             begun.estimates[:] = 1.0 / (data.width + 1.0)
         while True:
             eased = _eased(data, barrier)
-            begun = settled(weights, eased, price, start, begun)
-            start, begun, worst = _at_price(weights, eased, price, start, begun, gains, estimates)
-            if price <= data.price and barrier <= data.barrier:
+            begun = settled(weights, eased, price, start, begun, work)
+            start, begun, worst = _at_price(weights, eased, price, start, begun, gains, estimates, work)
+            if (price <= data.price and barrier <= data.barrier) or work[0] < 0.0:
                 break
             price, barrier = max(_RATIO * price, data.price), max(_LOWER * barrier, data.barrier)
-        if worst <= _KEPT or d == 0:
+        if worst <= _KEPT or d == 0 or work[0] < 0.0:
             break
         above /= _RATIO**2  # the continuation failed: start at a larger price
+    if work[0] < 0.0:  # perhaps at a larger price
+        worst = np.inf
     return start, begun.law / begun.law.sum(), begun.estimates, worst

@@ -31,8 +31,9 @@ _PRICING_STEPS = 40
 _LOGIT = 3.0  # largest mean change of log K in one step, beyond which its quadratic model says nothing
 _CUT = 0.3
 _ADDED, _TRIED, _SURE = 5, 60, 0.1  # decisions that enter at once, and that are priced at once
+_CERTAIN = 0.9  # share of a decision's gain that a better answer may still take where it surely enters
 _APART = 0.01  # share of the law's variance by which the beliefs answered to them must differ
-_STEEPEST = 690.0  # the exponent of the largest term of a sum
+_STEEPEST, _LEAST_SUM = 690.0, 1e-290  # a sum below this has lost digits: it counts for this much
 _LOW = 0.3  # share of that below which a decision's gain is not computed further
 _LAST = 0.01  # slope of the last step, in units of the gain to which decisions are priced
 _BISECTIONS = 26
@@ -132,8 +133,8 @@ class SmoothRival:
         return ActedOn(numbers[kept], played[kept], _normal(np.einsum("bn,jbx->njx", joint[:, kept], self.expected)))
 
     def _at_price(self, weights: Array, start: ActedOn) -> ActedOn:
-        """The step at this price of information: decisions enter until none gains."""
-        found, nothing = start, np.empty((0, *start.beliefs.shape[1:]))
+        """The step at this price of information: decisions enter until none gains, or the same ones enter again in vain."""
+        found, nothing, rounds = start, np.empty((0, *start.beliefs.shape[1:])), set[tuple[frozenset[int], ...]]()
         known = _Answers(nothing, nothing)
         for _ in range(_ROUNDS):
             point, is_settled = self._settled(weights, found)
@@ -141,6 +142,10 @@ class SmoothRival:
             found = point.found._replace(excess=excess if is_settled else np.inf)
             if joining is None:
                 break
+            now = frozenset(point.numbers.tolist()), frozenset(joining.numbers.tolist())
+            if is_settled and now in rounds:
+                break
+            rounds.add(now)
             found = found.joined(joining)
         return found
 
@@ -308,10 +313,14 @@ class SmoothRival:
     def _bounded(self, gains: Array, paid: Array) -> tuple[Array, np.ndarray]:
         """The least of bounds (M,) and of log c at some answers, from log p + A / λ − log z (K,B), and which answer is best."""
         tops = paid.max(axis=0)
-        sums = np.exp(np.minimum(self.offers + tops, _STEEPEST)) @ np.exp(paid - tops).T
+        heights = self.offers + tops
+        peaks = np.maximum(
+            heights.max(axis=1), -_STEEPEST
+        )  # no factor above one: no sum is too large, or lost but for its least
+        sums = np.exp(heights - peaks[:, None]) @ np.exp(paid - tops).T
         best = sums.argmin(axis=1)
-        with np.errstate(divide="ignore"):
-            return np.minimum(gains, np.log(sums[np.arange(len(sums)), best])), best
+        least = np.maximum(sums[np.arange(len(sums)), best], _LEAST_SUM)
+        return np.minimum(gains, peaks + np.log(least)), best
 
     def _least_gains(self, logs: Array, numbers: np.ndarray, beliefs: Array) -> tuple[Array, Array, Array]:
         """Least log c (n,) of decisions over the rival's answers, from those to beliefs (n,J,X): with its beliefs and costs.
@@ -321,6 +330,7 @@ class SmoothRival:
         offers, shape, n = self.offers[numbers] + logs, beliefs.shape, len(numbers)
         beliefs, steps, costs = beliefs.copy(), np.zeros(shape), np.empty(shape)
         gains, slopes, lengths, some = np.full(n, np.inf), np.zeros(n), np.ones(n), np.arange(n)
+        done = np.zeros(n, dtype=bool)
         for _ in range(_PRICING_STEPS):
             trial = _normal(np.maximum(beliefs[some] + lengths[some, None, None] * steps[some], 0.0))
             fresh, curves = self._curved(trial)
@@ -339,15 +349,16 @@ class SmoothRival:
             moved = (shares * abs(turns - (shares * turns).sum(axis=1, keepdims=True))).sum(axis=1)
             lengths[k] = np.minimum(1.0, _LOGIT / np.maximum(moved, 1.0))
             least = tolerances.SOLVED_STEP
-            flat = k[(slopes[k] > -_LAST * least) & (gains[k] > least)]
-            if flat.size:
-                sums = means[np.isin(k, flat)].reshape(beliefs[flat].shape)
-                gaps = (sums * (costs[flat] - self._curved(_normal(sums))[0])).sum(axis=(1, 2)) / self.price
-                flat, sums = flat[gaps > least], sums[gaps > least]
-            if flat.size:
-                beliefs[flat], steps[flat] = self._changing(beliefs[flat], _normal(sums), costs[flat]), 0.0
-            done = slopes > -np.maximum(_LAST * least, _SURE * gains)
-            done[flat] = False
+            ends = (slopes[k] > -np.maximum(_LAST * least, _SURE * gains[k])) & (gains[k] > least)
+            done[k] = ends
+            if ends.any():  # Newton's model is of the answers near y alone: the gap counts all of them
+                k, sums = k[ends], means[ends].reshape(beliefs[k[ends]].shape)
+                gaps = (sums * (costs[k] - self._curved(_normal(sums))[0])).sum(axis=(1, 2)) / self.price
+                done[k] = gaps <= np.maximum(least, _CERTAIN * gains[k])
+                flat = ~done[k] & (slopes[k] > -_LAST * least)
+                k, sums = k[flat], sums[flat]
+                if k.size:
+                    beliefs[k], steps[k] = self._changing(beliefs[k], _normal(sums), costs[k]), 0.0
             done |= (gains <= _LOW * least) | (lengths < tolerances.SHORTEST_STEP)
             some = np.flatnonzero(~done)
             if not some.size:

@@ -28,6 +28,9 @@ _SMALL_PRICE = 0.03
 pure, and Newton's steps from far away fail."""
 _MOST_ANSWERED = 30
 """Rounds in which a rival's answers are added: three to eight are usual."""
+_MOST_WORK, _ANSWERING_WORK = 1e12, 2e10
+"""Products of numbers in one step, some minutes, and of those with a rival's answers, some seconds: there the time grows with
+their number in the third power. A thousandth is usual."""
 _NEARER = 0.5
 """Factor by which a round must reduce the gap for answers to be removed."""
 _Found = tuple[np.ndarray, Array, Array, float]
@@ -244,7 +247,7 @@ class StepRule:
         """
         stakes = self.table.stakes
         if self._informs_only or stakes.rival is None:
-            found = self._solved(law, stakes, kept, near)
+            found = self._solved(law, stakes, kept, near, np.array([_MOST_WORK]))
             rows = self._rows(stakes, stakes.points, *self._at(found[0]), found[1:3])
             solved = stakes, found, rows, self._gap(law, stakes, rows, found[1:])
             # A barrier leaves decisions some 1e-9 of the mass: they would be drawn once in a while, and leak.
@@ -257,11 +260,12 @@ class StepRule:
             stakes = near.stakes.mixed(near.estimates, stakes)
         more: Stakes | None = stakes.begun(law, least)
         best: tuple[Stakes, _Found, Array, float] | None = None
+        work = np.array([_ANSWERING_WORK])
         for _ in range(_MOST_ANSWERED):
-            if more is None:
+            if more is None or work[0] < 0.0:
                 break
             stakes = more
-            found = self._solved(law, stakes, kept, None)
+            found = self._solved(law, stakes, kept, None, work)
             rows = self._rows(stakes, stakes.points, *self._at(found[0]), found[1:3])
             gap = self._gap(law, stakes, rows, found[1:])
             is_nearer = best is None or gap < _NEARER * best[-1]
@@ -340,8 +344,8 @@ class StepRule:
         barrier = tolerances.BARRIER_GAP * tolerances.ANSWER_BARRIER if self.table.stakes.width else 0.0
         return (tolerances.STEP_GAP + barrier) * self.table.unit
 
-    def _solved(self, law: Array, stakes: Stakes, kept: int, near: Step | None) -> _Found:
-        """Decisions, their law, the estimates after them, and the largest reduced cost of any other."""
+    def _solved(self, law: Array, stakes: Stakes, kept: int, near: Step | None, work: Array) -> _Found:
+        """Decisions, their law, the estimates after them, and the largest reduced cost of any other, within some work (1,)."""
         from inscrutable.kernels.sequential_estimates import StepData
         from inscrutable.kernels.sequential_step import solved_step
 
@@ -353,7 +357,7 @@ class StepRule:
             kept, data = int(np.searchsorted(some, kept)), (points, offers[some], slopes[some], *others)
         elif near is not None:
             begun = near.numbers, near.law, near.estimates
-        numbers, shares, estimates, excess = solved_step(law, StepData(*data), int(kept), *begun)
+        numbers, shares, estimates, excess = solved_step(law, StepData(*data), int(kept), *(*begun, work))
         numbers = some[numbers]
         # The barrier does not depend on the belief, so that it can be absorbed in the law.
         shares = shares * np.exp(stakes.barriers(estimates, self._barrier(stakes)) / self.price)

@@ -310,8 +310,8 @@ def _figures_of_one(result: Backtest) -> list[PageFigure]:
         PageFigure(
             "now",
             "This decision in numbers",
-            "The rows are the decisions at this budget, with their regret and the observers' estimates. Privacy Ψ is the naive "
-            "observer's error.",
+            "The rows are the decisions at this budget, with their regret and the observers' estimates. Privacy Ψ is the "
+            "distance from the belief to those that the naive observer reads.",
             True,
         ),
         PageFigure(

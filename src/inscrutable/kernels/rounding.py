@@ -12,5 +12,8 @@ length of 1e-7, half of the digits of a direction are rounding."""
 NO_DISTANCE = 1e-12
 """A distance between beliefs without a direction: its derivatives are divided by no less."""
 
+LEAST_SUM = 1e-290
+"""A sum of powers below this has lost digits, and one above its inverse overflows soon."""
+
 TINY = 1e-300
 """A positive number to divide by, or to take a logarithm of, in the place of zero."""

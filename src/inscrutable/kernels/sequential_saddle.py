@@ -23,7 +23,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.kernels.faces import solve_factored
 from inscrutable.kernels.options import fused, inlined, integer, internal, kernel, summed
-from inscrutable.kernels.rounding import TINY
+from inscrutable.kernels.rounding import LEAST_SUM, TINY
 from inscrutable.kernels.sequential_estimates import StepData, longest, own_cost, own_curve, own_slope
 
 _SOLVED, _RESIDUAL = tolerances.SOLVED_STEP, tolerances.LAW_RESIDUAL
@@ -36,7 +36,7 @@ _REFRESHED = integer(3)  # Newton steps of the estimate after a decision of prob
 _ARMIJO, _CUT, _SHORTEST = 1e-4, 0.3, 1e-9
 _RIDGE, _STEEPER, _TRIES = 1e-14, 100.0, 12  # share of a diagonal added to it, and how much more each time
 _NONE = integer(0)
-_SMALLEST, _STEEPEST = 1e-290, 700.0  # e^-700 has full precision, and thousands of e^700 add up to a number
+_STEEPEST = 700.0  # e^-700 has full precision, and thousands of e^700 add up to a number
 _TURN, _HIGH, _LOW = (
     1.4426950408889634,
     0.693147180369123816490,
@@ -317,7 +317,7 @@ def _shares(powers: Any) -> float:
     _powers(powers)
     for b in range(powers.size):
         whole += powers[b]
-    part_of = 1.0 / max(whole, _SMALLEST)
+    part_of = 1.0 / max(whole, LEAST_SUM)
     for b in range(powers.size):
         powers[b] *= part_of
     return whole
@@ -330,7 +330,7 @@ def gain_at(logs: Any, data: StepData, price: float, m: int, estimate: Any, powe
     for b in range(logs.size):
         powers[b] += logs[b]
     top, whole = 0.0, float(_shares(powers))
-    if not _SMALLEST < whole < 1.0 / _SMALLEST:  # seldom: the largest then counts for one
+    if not LEAST_SUM < whole < 1.0 / LEAST_SUM:  # seldom: the largest then counts for one
         _offers(data, m, 1.0 / price, estimate, powers)
         for b in range(logs.size):
             powers[b] += logs[b]

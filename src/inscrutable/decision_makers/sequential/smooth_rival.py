@@ -23,6 +23,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from inscrutable import tolerances
+from inscrutable.kernels.rounding import LEAST_SUM
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -33,7 +34,7 @@ _CUT = 0.3
 _ADDED, _TRIED, _SURE = 5, 60, 0.1  # decisions that enter at once, and that are priced at once
 _CERTAIN = 0.9  # share of a decision's gain that a better answer may still take where it surely enters
 _APART = 0.01  # share of the law's variance by which the beliefs answered to them must differ
-_STEEPEST, _LEAST_SUM = 690.0, 1e-290  # a sum below this has lost digits: it counts for this much
+_STEEPEST = 690.0  # the exponent of the largest term of a sum
 _LOW = 0.3  # share of that below which a decision's gain is not computed further
 _LAST = 0.01  # slope of the last step, in units of the gain to which decisions are priced
 _BISECTIONS = 26
@@ -319,7 +320,7 @@ class SmoothRival:
         )  # no factor above one: no sum is too large, or lost but for its least
         sums = np.exp(heights - peaks[:, None]) @ np.exp(paid - tops).T
         best = sums.argmin(axis=1)
-        least = np.maximum(sums[np.arange(len(sums)), best], _LEAST_SUM)
+        least = np.maximum(sums[np.arange(len(sums)), best], LEAST_SUM)
         return np.minimum(gains, peaks + np.log(least)), best
 
     def _least_gains(self, logs: Array, numbers: np.ndarray, beliefs: Array) -> tuple[Array, Array, Array]:

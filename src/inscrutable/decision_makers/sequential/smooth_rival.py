@@ -315,9 +315,8 @@ class SmoothRival:
         """The least of bounds (M,) and of log c at some answers, from log p + A / λ − log z (K,B), and which answer is best."""
         tops = paid.max(axis=0)
         heights = self.offers + tops
-        peaks = np.maximum(
-            heights.max(axis=1), -_STEEPEST
-        )  # no factor above one: no sum is too large, or lost but for its least
+        # The largest factor of each sum is one, so that no sum overflows.
+        peaks = np.maximum(heights.max(axis=1), -_STEEPEST)
         sums = np.exp(heights - peaks[:, None]) @ np.exp(paid - tops).T
         best = sums.argmin(axis=1)
         least = np.maximum(sums[np.arange(len(sums)), best], LEAST_SUM)

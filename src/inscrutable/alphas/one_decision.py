@@ -132,11 +132,14 @@ def _chosen(costs: Array, gains: Array, limit: float) -> Array:
     shares = np.zeros(len(costs))
     free = costs == 0.0
     shares[free] = 1.0
-    rates = np.divide(gains, costs, out=np.full(len(costs), np.inf), where=~free)
+    rates = np.divide(gains, costs, out=np.zeros(len(costs)), where=~free)
+    # Eigenvalues are exact to the rounding of the largest, so rates of cheap directions have fewer digits.
+    rounding = len(costs) * np.finfo(float).eps * (gains.max(initial=0.0) + rates * costs.max(initial=0.0))
+    spread = tolerances.TIED_RATE * rates + np.divide(rounding, costs, out=np.zeros(len(costs)), where=~free)
     left, open_ = limit, ~free
     while open_.any():
         best = rates[open_].max()
-        tied = open_ & (rates >= best * (1.0 - tolerances.TIED_RATE))
+        tied = open_ & (rates + spread >= (rates - spread)[open_].max())
         spent = float(costs[tied].sum())
         if spent > left or best == 0.0:
             shares[tied] = filled(costs[tied], left)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
+from scipy.optimize import minimize_scalar
 
 from inscrutable import (
     AlphaDecisionMaker,
@@ -114,6 +115,33 @@ def test_one_decision_against_cone_programmes(share: float) -> None:
         assert np.linalg.eigvalsh(prior - maker.error_covariance)[0] >= -1e-9
     assert np.trace(weights @ told.error_covariance) <= kept.error * (1 + 1e-9)
     assert told.bits <= kept.bits
+
+
+def dual_bound(theta: Array, prior: Array, weights: Array, limit: float) -> float:
+    """min over μ of μ r + Σ max(eigenvalues of L'(Q − μΘ)L, 0), with S = LL', by a bounded search in every unit of log μ."""
+    root = np.linalg.cholesky(prior)
+
+    def bound(log_price: float) -> float:
+        price = np.exp(log_price)
+        values = np.linalg.eigvalsh(root.T @ (weights - price * theta) @ root)
+        return float(price * limit + np.maximum(values, 0.0).sum())
+
+    options = {"xatol": 1e-12}
+    ends = np.arange(-16.0, 10.0)
+    return min(minimize_scalar(bound, bounds=(end, end + 2.0), method="bounded", options=options).fun for end in ends)
+
+
+@pytest.mark.parametrize("seed", [FRESH_SEED, 3, 327])
+def test_the_largest_error_meets_its_dual_bound(seed: int) -> None:
+    """In the two kept draws guesses of the multiplier by a slope creep."""
+    rng = np.random.default_rng(seed)
+    theta, prior, weights = (covariance(rng, 4) for _ in range(3))
+    for share in (0.3, 0.9):
+        maker = AlphaDecisionMaker(
+            problem_of(theta), share, prior_covariance=prior, objective="error", error_weights=weights
+        )
+        bound = dual_bound(theta, prior, weights, share * float(np.trace(theta @ prior)))
+        assert maker.error == pytest.approx(bound, rel=2e-7), seed
 
 
 @pytest.mark.parametrize("seed", [FRESH_SEED, 23, 248])

@@ -17,7 +17,9 @@ from inscrutable.validation import Array
 _LARGE = 500
 """Number of directions above which the dual search starts in single precision, which halves its time."""
 _MOST_COARSE = 8
-_MOST_PRICES = 200
+_MOST_PRICES, _GUESSES = 200, 12
+"""Multipliers, and how many of them are guessed by a slope before the bracket is halved. Where many signals stay hidden guesses
+alone crept: 19 of 400 largest errors at nine tenths of the silence regret were short, by up to 7e-5."""
 _PART = 600
 """Number of coordinates that give the first multiplier; one or two full decompositions are then enough, else three to seven."""
 _WINDOW = 30
@@ -167,7 +169,7 @@ def _searched(costs: Array, gains: Array, limit: float) -> tuple[Array, Array]:
             if abs(spent - limit) <= tolerances.COARSELY_SPENT * limit:
                 break
         bracket = (0.0, np.inf)
-    for _ in range(_MOST_PRICES):
+    for number in range(_MOST_PRICES):
         values, turn = np.linalg.eigh(gains - price * costs)
         spending = ((costs @ turn) * turn).sum(axis=0)
         kept, tied, lost = _filled_directions(values, spending, limit)
@@ -175,7 +177,7 @@ def _searched(costs: Array, gains: Array, limit: float) -> tuple[Array, Array]:
         if lost <= tolerances.LOST_ERROR * value or bracket[1] - bracket[0] <= tolerances.SAME_PRICE * price:
             break
         spent = float(spending[values > 0.0].sum())
-        price, bracket = _next_price(price, spent, slope, limit, bracket)
+        price, bracket = _next_price(price, spent, slope if number < _GUESSES else 0.0, limit, bracket)
     shares = kept.astype(float)
     if tied.any():
         within, inner = np.linalg.eigh(_inside(turn[:, tied], costs))

@@ -273,7 +273,7 @@ class _Search:
             self.mixed[others] = pool[which]
             order = np.argsort(-worst)
             for k in order[worst[order] > near][: 2 * _ADDED]:
-                share, worth = matrix_game(self.known, paid[:, others[k]])
+                share, worth, _ = matrix_game(self.known, paid[:, others[k]])
                 self.mixed[others[k]] = self._costs_of(np.arange(len(self.points)), share)
                 if worth > near:
                     tempted[int(others[k])] = np.flatnonzero(share > tolerances.PROBABILITY)
@@ -324,13 +324,14 @@ def least_tempting_answer(gains: Array, paid: Array) -> tuple[Array, np.ndarray]
     return worst, which
 
 
-def matrix_game(gains: Array, paid: Array) -> tuple[Array, float]:
-    """Return the mixed answer y of least max_b (gains y − paid)_b, and that."""
+def matrix_game(gains: Array, paid: Array) -> tuple[Array, float, Array]:
+    """Return the mixed answer y of least max_b (gains y − paid)_b, that, and the law of the belief (B,) to which y is best."""
     some = np.isfinite(paid)
     rows = np.hstack([gains[some], -np.ones((int(some.sum()), 1))])
     n = gains.shape[1]
     one = Rows(np.append(np.ones(n), 0.0)[None], np.ones(1))
     objective = np.append(np.zeros(n), 1.0)
     found = minimum(objective, Rows(rows, paid[some]), one, [(0.0, None)] * n + [(None, None)])
-    share = np.maximum(found.x[:n], 0.0)
-    return share / share.sum(), found.value
+    share, law = np.maximum(found.x[:n], 0.0), np.zeros(len(paid))
+    law[some] = np.maximum(-found.duals[: int(some.sum())], 0.0)
+    return share / share.sum(), found.value, law / law.sum()

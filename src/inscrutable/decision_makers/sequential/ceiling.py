@@ -22,6 +22,8 @@ from inscrutable.errors import SolverError
 from inscrutable.validation import Array
 
 _MOST_PRICES = 24
+_MOST_ROUNDS = 20
+"""Rounds in which a rival's answers to decisions of probability 0 are added; two or three are usual."""
 _FORBIDDEN = 1_000_000.0
 _INSIDE = 0.1
 """Share of the way between two prices that a new one keeps from either."""
@@ -77,37 +79,54 @@ def _bound(table: StepTable, price: float, limit: float) -> _Bound | None:
         step = StepRule(table, Prices(price, 0.0)).step(law)
     except SolverError:
         return None
-    estimates = _all_estimates(table, step, price)
-    worth = step.stakes.gains(estimates) - price * table.regrets
+    stakes, estimates = _all_estimates(table, step, price)
+    worth = stakes.gains(estimates) - price * table.regrets
     if table.allowed is not None:
         worth = np.where(table.allowed, worth, -np.inf)
     value = float(law @ (worth.max(axis=1) + table.stakes.spare)) + price * limit
     return _Bound(price, value, limit - step.regret)
 
 
-def _all_estimates(table: StepTable, step: Step, price: float) -> Array:
-    """Estimates after all decisions: for those of probability 0 the ones with the largest least reduced cost."""
+def _all_estimates(table: StepTable, step: Step, price: float) -> tuple[Stakes, Array]:
+    """Estimates after all decisions, and the stakes that they are of.
+
+    Those of decisions of probability 0 are the ones with the largest least reduced cost.
+    """
     stakes, numbers, estimates = step.stakes, step.numbers, step.estimates
     levels = (stakes.gains(estimates) - price * table.regrets[:, numbers]).max(axis=1)
     offers = stakes.base[:, None] - price * table.regrets - levels[:, None]
     if table.allowed is not None:
         offers = np.where(table.allowed, offers, -_FORBIDDEN * table.unit)
     if stakes.width:
-        found = _mixed_answers(stakes, np.vstack([estimates, stakes.pure]), -offers)
+        stakes, estimates, found = _mixed_answers(stakes, estimates, -offers, tolerances.CEILING_GAP * table.unit)
     else:
         from inscrutable.decision_makers.aware.stackelberg_solver import least_tempting
 
         found = least_tempting(stakes.points, offers, tolerances.LEAST_TEMPTING * table.unit)
     found[numbers] = estimates
-    return np.asarray(found)
+    return stakes, np.asarray(found)
 
 
-def _mixed_answers(stakes: Stakes, some: Array, paid: Array) -> Array:
-    """The mixed answers (M,d) to every decision of the largest least reduced cost: of some (n,d), or of all if needed."""
-    pool = np.unique(some, axis=0)
-    gains = stakes.gains(pool) - stakes.base[:, None]
-    worst, which = least_tempting_answer(gains, paid)
-    found: Array = pool[which]
-    for m in np.flatnonzero(worst > 0.0):
-        found[m] = matrix_game(gains, paid[:, m])[0] @ pool
-    return found
+def _mixed_answers(stakes: Stakes, some: Array, paid: Array, near: float) -> tuple[Stakes, Array, Array]:
+    """Stakes, the mixed answers `some` (n,d) in their coordinates, and those to every decision (M,d) of the largest least
+    reduced cost.
+
+    Where no mixture of some answers and pure ones makes it positive, all are mixed. A rival with infinitely many answers adds
+    the best ones to the beliefs whose reduced cost is negative, until none is below −`near`.
+    """
+    for _ in range(_MOST_ROUNDS):
+        pool = np.unique(np.vstack([some, stakes.pure]), axis=0)
+        gains = stakes.gains(pool) - stakes.base[:, None]
+        worst, which = least_tempting_answer(gains, paid)
+        found: Array = pool[which]
+        tempted = list[Array]()
+        for m in np.flatnonzero(worst > 0.0):
+            share, worth, law = matrix_game(gains, paid[:, m])
+            found[m] = share @ pool
+            if worth > near:
+                tempted.append(law)
+        more = stakes.joined(np.array(tempted).T, near, None) if tempted else None
+        if more is None:
+            break
+        stakes, some = more, more.widened(some, stakes.width)
+    return stakes, some, found

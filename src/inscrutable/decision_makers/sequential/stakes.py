@@ -136,6 +136,11 @@ class Stakes:
         )
         return None if found is None else self._with(found)
 
+    def widened(self, estimates: Array, width: int) -> Array:
+        """Return mixed answers (n,d) of stakes with the first `width` of these answers, in these coordinates."""
+        blocks = estimates.reshape(len(estimates), -1, width)
+        return np.pad(blocks, ((0, 0), (0, 0), (0, self.width - width))).reshape(len(estimates), -1)
+
     def _with(self, rival: RivalAnswers) -> Self:
         width = rival.costs.shape[1] - 1
         return replace(self, points=rival.points, width=width, directions=rival.directions, rival=rival)

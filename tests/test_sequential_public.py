@@ -120,7 +120,8 @@ def test_a_world_with_public_symbols_makes_such_a_chain_and_paths_tell_less_beyo
     share = np.array([chain.prior.weights @ each.sum(axis=1) for each in chain.public])
     assert np.abs(share - world.initial @ public.probabilities).max() < 0.02
     maker = maker_of(chain, calibration=PRICES)
-    told = path_leakage(chain, maker, 4, rng=rng, n_draws=20)
+    told = path_leakage(chain, maker, 4, rng=rng, n_draws=200)
+    assert told.n_draws == 0  # exact: of 20 sampled paths the error may be larger with decisions than without
     assert (told.bayes_error <= told.prior_error + 1e-9).all()
     assert told.prior_error[-1] < chain.prior.error
     # A real number is cut; its symbols have the shares of its quantiles.

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import multivariate_normal
 
 from inscrutable import (
     Budget,
@@ -29,17 +30,14 @@ from small_runs import short_simulations
 
 ASSETS, REGIMES = ("A", "B", "C"), ("calm", "turbulent")
 BELIEF = [0.25, 0.75]
+MEANS, SPREADS = np.array([[0.02, 0.0, 0.01], [-0.03, 0.01, 0.0]]), np.array([0.002 * np.eye(3), 0.006 * np.eye(3)])
 
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory):
     """A model of two regimes, its file, and a sequence that has begun; on a coarse grid, so that prices are found soon."""
-    means, covariances = (
-        np.array([[0.02, 0.0, 0.01], [-0.03, 0.01, 0.0]]),
-        np.array([0.002 * np.eye(3), 0.006 * np.eye(3)]),
-    )
-    world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission(means, covariances), names=REGIMES)
-    problem = MarkowitzProblem(means, covariances, 4.0)
+    world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission(MEANS, SPREADS), names=REGIMES)
+    problem = MarkowitzProblem(MEANS, SPREADS, 4.0)
     model = InvestorModel(world, problem, ASSETS, REGIMES, Budget.regret(2e-4), "made for a test")
     folder = tmp_path_factory.mktemp("sequence")
     with pytest.MonkeyPatch.context() as patch, short_simulations():
@@ -108,15 +106,43 @@ def test_what_was_recorded_last_is_shown_again(small, tmp_path: Path) -> None:
     assert looked.figures()["last_published"] == dict(zip(ASSETS, found.published, strict=True))
 
 
+def test_the_belief_of_the_next_step_comes_from_the_returns_so_far(
+    small, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model, file, state, _ = small
+    rows = pd.DataFrame(
+        [[0.02, 0.01, 0.0], [-0.1, 0.0, 0.02]], columns=["A", "B", "C"], index=["2024-01-31", "2024-02-29"]
+    )
+    rows[["C", "A", "B"]].rename_axis("date").to_csv(tmp_path / "returns.csv")
+    held = np.array([2.0, 1.0]) / 3.0  # the chain's long-run law
+    for row in rows.to_numpy():
+        seen = [multivariate_normal.pdf(row, mean, cov) for mean, cov in zip(MEANS, SPREADS, strict=True)]
+        held = held * seen / (held @ seen) @ model.world.transition
+    np.testing.assert_allclose(model.belief_after(rows[["B", "A", "C"]]), held, atol=1e-12)
+    copy = shutil.copy(state, tmp_path / "state")
+    call = ["protect", "--model", str(file), "--state", str(copy), "--json", "-q"]
+    told = []
+    for belief in (["--returns", str(tmp_path / "returns.csv")], ["--belief", ",".join(map(str, held))]):
+        assert main([*call, *belief]) == 0
+        told.append(json.loads(capsys.readouterr().out))
+    assert told[0]["expected_regret"] == pytest.approx(told[1]["expected_regret"], rel=1e-9)
+    for wrong, said in (
+        (["--out", "x", "--belief", "1,0"], "--out does not go"),
+        ([], "one of --belief and --returns"),
+    ):
+        assert main([*call, *wrong]) == 2
+        assert said in capsys.readouterr().err
+
+
 def test_the_summary_names_the_ceiling_and_a_belief_off_the_grid(small) -> None:
     model, _, state, begun = small
     assert begun.is_off_grid
-    assert f"not one of the grid's {begun.n_beliefs}" in begun.summary()
+    assert f"between the {begun.n_beliefs} beliefs of the grid" in begun.summary()
     assert f"the ceiling is {begun.ceiling:.3f}, on a grid of {begun.n_beliefs} beliefs" in begun.summary()
     assert begun.long_run_error <= 1.02 * begun.ceiling <= 1.02 * begun.prior_error
     on_grid = protect_step(model, protect_sequence.chain_of(model).prior.beliefs[0], state)
     assert not on_grid.is_off_grid
-    assert "not one of the grid" not in on_grid.summary()
+    assert "beliefs of the grid, as most" not in on_grid.summary()
 
 
 def test_weights_that_the_rule_plays_under_no_belief_of_the_grid_count_as_the_nearest(
@@ -203,6 +229,12 @@ def test_optimal_weights_of_beliefs_of_the_grid_are_read_exactly(small) -> None:
     published = pd.DataFrame(model.problem.solve(beliefs), columns=list(ASSETS))
     found = attack_over_time(attack_weights(model, published), "optimal")
     np.testing.assert_allclose(found.inferred.mean, beliefs, atol=1e-9)
+    assert "Caution" not in found.summary()
+    assert "under no belief of the grid" not in found.summary()
+    none = pd.DataFrame([[0.0, 1.0, 0.0], *published.to_numpy()], columns=list(ASSETS))
+    said = attack_over_time(attack_weights(model, none), "optimal").summary()
+    assert "Caution: 1 of the 3 rows are explained by no belief" in said
+    assert "1 of the 3 rows under no belief of the grid" in said
     with pytest.raises(InputError, match="rule must be one of"):
         attack_over_time(found.attack, "silence")
     with pytest.raises(InputError, match="prices are in the file"):

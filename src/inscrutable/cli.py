@@ -23,7 +23,7 @@ from inscrutable.cli_console import Speech, library_log, replaced, results, show
 from inscrutable.cli_disclose import disclose
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
 from inscrutable.cli_limits import WeightOptions, one_row, weights_of
-from inscrutable.cli_sequence import protect_next
+from inscrutable.cli_sequence import belief_after, belief_now, protect_next
 from inscrutable.cli_study import AGAIN, STUDY, resumable, study, was_told
 from inscrutable.cli_values import (
     DATA,
@@ -391,8 +391,8 @@ def protect(
         measure: The privacy measure.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
         certify: Prove an upper bound of the privacy, to this relative gap, such as 0.01; for maximal and desired.
-        state: File of the decisions so far; created if missing, which takes a minute or more. Needs `--belief`, or `--alphas`
-            with one row.
+        state: File of the decisions so far; created if missing, which takes a minute or more. Needs `--belief` or `--returns`,
+            or `--alphas` with one row. `--out` does not go with it: the file holds what was published.
         publish: With `--state`: draw this step's weights once and record them. Without it nothing is drawn.
         normalise: Accept planned weights in dollars or percentages, with blanks, cash and tickers in any case.
         map_: With `--normalise`: CSV with the columns name and asset.
@@ -410,17 +410,17 @@ def protect(
     if model is None:
         raise UsageError("protect needs --model, the model.json of a backtest, or --alphas")
     if state is not None:
-        others = (beliefs, weights, target, certify, out, previous, map_)
-        if belief is None or measure != "maximal" or any(option is not None for option in others):
-            raise UsageError(
-                "--state takes --belief, --budget, --publish and --seed: it protects the belief, by no other measure"
-            )
-        protect_next(model, belief, state, budget, publish, seed, (speech, limits.part()))
+        refused = {
+            "--beliefs": beliefs, "--weights": weights, "--target": target, "--certify": certify, "--out": out,
+            "--previous": previous, "--map": map_, "--measure": None if measure == "maximal" else measure,
+        }  # fmt: skip
+        now = belief_now(belief, means.returns, refused)
+        protect_next(model, now, state, budget, publish, seed, (speech, limits.part()))
         return
     if publish:
         raise UsageError("--publish records a decision: give the file with --state")
-    if sum(option is not None for option in (belief, beliefs, weights)) != 1:
-        raise UsageError("give one of --belief, --beliefs and --weights")
+    if sum(option is not None for option in (belief, beliefs, weights, means.returns)) != 1:
+        raise UsageError("give one of --belief, --beliefs, --weights and --returns")
     if map_ is not None and not normalise:
         raise UsageError("--map needs --normalise: it names the holdings of such a file")
     _check_proof(certify, measure)
@@ -443,6 +443,8 @@ def protect(
     before = None if previous is None else one_row(weights_of(previous, investor.assets, normalise, map_), previous)
     investor = investor.after(before)
     held: Any = single if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
+    if means.returns is not None:
+        held = belief_after(means.returns, investor, speech)
     folder = None if out is None else writable_folder(out)
     with speech.progress("Steps") as move:
         if planned is not None:
@@ -529,7 +531,8 @@ def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
             code = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()
     except CycloptsError as error:
-        return _said(f"{error}", USAGE, tokens)
+        # The same words for an option that was left out and for one without its value.
+        return _said(f"{error}".replace("requires an argument", "is needed, with a value"), USAGE, tokens)
     except UsageError as error:
         return _said(f"{error}", USAGE, tokens)
     except DiskError as error:

@@ -38,7 +38,8 @@ class AlphaOptions:
         world: With `--alphas`: JSON of the public linear Gaussian world that moves them.
         public: With a `--world` that has a public sensor: CSV of its reports with each row, one column per number.
         covariance: With `--alphas`: CSV of the assets' covariance.
-        returns: With `--alphas`: CSV of returns that the assets' covariance is estimated from.
+        returns: CSV of returns, as for `backtest`, up to the last row known: the belief is that of the model's filter after it.
+            With `--alphas`: the assets' covariance is estimated from them.
         factors: With `--returns`: number of principal factors of that covariance, besides specific variances. Default: the
             sample covariance.
         risk_aversion: With `--alphas`: γ in γ u'Vu − m'u.
@@ -68,6 +69,7 @@ class AlphaOptions:
         """Raise `UsageError` where options do not go together; `others` are those of beliefs."""
         mine = {name: value for name, value in vars(self).items() if value not in (None, "information")}
         if self.alphas is None:
+            mine.pop("returns", None)  # of the model's assets
             if mine:
                 raise UsageError(f"--{next(iter(mine)).replace('_', '-')} belongs to --alphas")
             return

@@ -3,27 +3,55 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from inscrutable.cli_console import Speech, results, show_table
-from inscrutable.cli_values import belief_of, budget_of
+from inscrutable.cli_values import UsageError, belief_of, budget_of
 
 if TYPE_CHECKING:
+    from inscrutable.experiments.investor_model import InvestorModel
     from inscrutable.experiments.own_model import LimitsPart
+    from inscrutable.validation import Array
+
+
+def belief_now(belief: str | None, returns: Path | None, refused: dict[str, Any]) -> list[float] | Path:
+    """Return the belief, or the file of returns that it follows from; other options do not go with a sequence."""
+    given = [name for name, option in refused.items() if option is not None]
+    if given:
+        raise UsageError(
+            f"{given[0]} does not go with --state, which protects one belief after another, by error alone"
+        )
+    if (belief is None) == (returns is None):
+        raise UsageError("--state needs your belief: one of --belief and --returns")
+    return belief_of(belief, "--belief") if returns is None and belief is not None else Path(str(returns))
+
+
+def belief_after(returns: Path, investor: InvestorModel, speech: Speech) -> Array:
+    """Return the belief about the next row after those of a file of returns, and say it."""
+    from inscrutable.datasets import read_returns
+
+    table = read_returns(returns)
+    found = investor.belief_after(table)
+    named = ", ".join(f"{name} {share:.3f}" for name, share in zip(investor.regimes, found, strict=True))
+    speech.log(f"Belief after {len(table)} rows of {returns}, to {table.index[-1]:%Y-%m-%d}: {named}")
+    return found
 
 
 def protect_next(
     model: Path,
-    belief: str,
+    belief: list[float] | Path,
     state: Path,
     budget: str | None,
     publish: bool,
     seed: int | None,
     how: tuple[Speech, LimitsPart],
 ) -> None:
-    """Show what to publish next, and with `publish` draw it once and record it in the file."""
+    """Show what to publish next, and with `publish` draw it once and record it in the file.
+
+    `belief` is one, or a file of returns after which the model's filter holds it.
+    """
     speech, limits = how
-    asked, held = None if budget is None else budget_of(budget, speech), belief_of(belief, "--belief")
+    asked = None if budget is None else budget_of(budget, speech)
 
     import numpy as np
 
@@ -32,6 +60,7 @@ def protect_next(
     from inscrutable.experiments.silence import budget_in
 
     investor = investor_of(model, limits)
+    held = belief_after(belief, investor, speech) if isinstance(belief, Path) else belief
     if not state.exists():
         speech.log(f"No sequence in {state} yet: the prices that spend the budget in the long run are computed once.")
     limit = None if asked is None else budget_in(investor.world, investor.problem, asked)

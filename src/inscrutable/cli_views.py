@@ -25,7 +25,7 @@ from inscrutable.labels import label_text
 if TYPE_CHECKING:
     import pandas as pd
 
-    from inscrutable.alphas import AlphaProblem
+    from inscrutable.alphas import AlphaProblem, ImpliedViews
 
 _LONGEST_TABLE = 40
 
@@ -73,15 +73,14 @@ def views(
         raise UsageError("give --regret or --digits, not both: the regret of rounded weights is not known")
     allowed = None if regret is None else amount_of(regret, "--regret")
 
-    from inscrutable.alphas import implied_views
     from inscrutable.reports.views import views_frame, views_remarks, views_summary, write_views
 
     table = _numbers(weights, "--weights")
     problem = _problem(table, covariance, returns, factors, risk_aversion, held, cap)
     folder = None if out is None else writable_folder(out)
-    speech.log(f"{len(table)} portfolios of {problem.n_assets} assets, read with {problem.risk!r}")
+    speech.log(f"{len(table)} portfolios of {problem.n_assets} assets, {_risk_text(covariance, returns, factors)}")
     read = {
-        label: implied_views(problem, row, regret=allowed, digits=digits, reference=reference)
+        label: _read(problem, (weights, label, row), regret=allowed, digits=digits, reference=reference)
         for label, row in table.iterrows()
     }
     files = [] if folder is None else replaced(folder, "views", write_views(read, folder), speech)
@@ -100,6 +99,19 @@ def views(
     speech.files(files)
 
 
+def _read(problem: AlphaProblem, of: tuple[Path, Any, pd.Series], **how: Any) -> ImpliedViews:
+    """The views of one row of a file."""
+    from inscrutable.alphas import implied_views
+    from inscrutable.errors import InputError
+
+    path, label, row = of
+    try:
+        return implied_views(problem, row, **how)
+    except InputError as error:
+        rounded = "" if how["digits"] is not None else "; rounded weights need --digits, such as --digits 3"
+        raise InputError(f"{path}, row {label_text(label)}: {error}{rounded}") from None
+
+
 def _numbers(path: Path, option: str) -> pd.DataFrame:
     """A table of numbers without gaps."""
     from inscrutable.datasets import read_records
@@ -113,6 +125,12 @@ def _numbers(path: Path, option: str) -> pd.DataFrame:
             row = label_text(column.index[int(column.isna().to_numpy().argmax())])
             raise InputError(f"{path}: column {name} of {option} has nothing in row {row}, expected a number")
     return table
+
+
+def _risk_text(covariance: Path | None, returns: Path | None, factors: int | None) -> str:
+    if covariance is not None:
+        return f"with the covariance of {covariance}"
+    return f"with the covariance of {returns}" + ("" if factors is None else f" by {factors} principal factors")
 
 
 def _problem(

@@ -21,14 +21,13 @@ from inscrutable.datasets import WeightsTable
 from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, decimal_places
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
-from inscrutable.experiments.investor_model import InvestorModel, checked_model
+from inscrutable.experiments.investor_model import BASIS_POINTS, InvestorModel, checked_model
 from inscrutable.labels import label_text
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.problems.magnitudes import MagnitudeRegion
 from inscrutable.validation import Array
 
 _DRAWN_STATES = 3
-_BASIS_POINTS = 10_000.0
 
 
 class Reading(Enum):
@@ -221,7 +220,7 @@ def _read_row(problem: MarkowitzProblem, published: Array, decimals: int | None,
 
 def regret_text(regret: float) -> str:
     """Return a regret with its unit: basis points of wealth per row of returns, and the number itself."""
-    return f"{regret * _BASIS_POINTS:.3g} bp of wealth a row ({regret:.1e})"
+    return f"{regret * BASIS_POINTS:.3g} bp of wealth a row ({regret:.1e})"
 
 
 def _read_near(problem: MarkowitzProblem, published: Array, half: float, regret: float) -> RowReading:

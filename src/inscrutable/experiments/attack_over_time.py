@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from inscrutable.adversaries import SequentialAdversary
-from inscrutable.adversaries.sequence_results import InferredBeliefs
+from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.decision_makers import (
     CounterAdversarialDecisionMaker,
@@ -20,7 +20,7 @@ from inscrutable.decision_makers import (
     SequentialDecisionMaker,
 )
 from inscrutable.errors import InputError
-from inscrutable.experiments.attack import Attack
+from inscrutable.experiments.attack import Attack, Reading
 from inscrutable.experiments.backtest_aware import doubted
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.protect_sequence import chain_of
@@ -37,11 +37,13 @@ class AttackOverTime:
         attack: The same weights, each read alone by the naive observer.
         rule: The rule that the observer assumes.
         inferred: The observer's law of the belief after each row, and how each row was read.
+        prior_error: √E‖π − E π‖², its error without weights, in the long run of the model.
     """
 
     attack: Attack
     rule: str
     inferred: InferredBeliefs
+    prior_error: float
 
     def table(self) -> pd.DataFrame:
         """Return one row per published row: the estimate of each regime, its expected error, and the row's status."""
@@ -49,6 +51,29 @@ class AttackOverTime:
         table["expected error"] = self.inferred.spread
         table["reading"] = [status.value.partition(":")[0] for status in self.inferred.statuses]
         return table
+
+    def summary(self) -> str:
+        """Return the observer's mean figures, and how many rows the rule does not play."""
+        found = self.inferred
+        error = float(np.sqrt(np.mean(found.spread**2)))
+        lines = [
+            f"By its own law the aware observer, who knows the rule ({self.rule}), errs by {error:.3f}, root mean square; "
+            f"without weights by {self.prior_error:.3f}, in the long run. It gives the likeliest regime a probability of "
+            f"{found.mean.max(axis=1).mean():.2f} on average."
+        ]
+        off = sum(status is not SequenceStatus.USED for status in found.statuses)
+        lost = self.attack.count(Reading.IMPLAUSIBLE)
+        if off:
+            lines.append(
+                f"The rule plays {off} of the {len(found)} rows under no belief of the grid; the nearest weights that it plays "
+                "stand for them."
+            )
+        if lost:
+            lines.append(
+                f"Caution: {lost} of the {len(found)} rows are explained by no belief of this model, so that this observer's "
+                "figures say little: the investor follows another rule or another model."
+            )
+        return "\n".join(lines)
 
     def lines(self) -> pd.DataFrame:
         """Return the same as text."""
@@ -96,7 +121,7 @@ def attack_over_time(
     known = _mechanism(model, chain, rule, limit, state)
     # For the sequential rule the chain is its own; for others the chain rules out no move.
     followed = SequentialAdversary(chain if rule == "sequential" else doubted(chain), known)
-    return AttackOverTime(attack, rule, followed.filter(attack.actions, nearest=True))
+    return AttackOverTime(attack, rule, followed.filter(attack.actions, nearest=True), chain.prior.error)
 
 
 def _mechanism(model: InvestorModel, chain: BeliefChain, rule: str, budget: Budget, state: str | Path | None) -> Any:

@@ -17,21 +17,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
+from inscrutable.axes import Axis
 from inscrutable.budgets import Budget
 from inscrutable.datasets import write_json
 from inscrutable.errors import InputError, InscrutableError
 from inscrutable.files import path_of, read_json
+from inscrutable.filtering import filter_beliefs
 from inscrutable.problems import MarkowitzProblem, Polyhedron, turnover
 from inscrutable.problems.magnitudes import MagnitudeRegion
 from inscrutable.problems.segments import MagnitudeLimit
+from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, GaussianEmission, HiddenMarkovModel
 from inscrutable.worlds.hidden_markov import default_names
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from inscrutable.experiments.model_file import ModelFile, ProblemPart
 
 FORMAT = "inscrutable investor model"
 VERSION = 1
+BASIS_POINTS = 10_000.0  # costs are returns on wealth a row
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +118,17 @@ class InvestorModel:
                 "the last published weights and a limit on turnover go together: give both (--previous, --turnover), or neither"
             )
         return self if previous is None else replace(self, problem=self.problem_after(previous), turnover=None)
+
+    def belief_after(self, returns: pd.DataFrame) -> Array:
+        """Return the filter's belief (X,) about the row after returns (T,U), with one column per asset in any order.
+
+        Raises:
+            InputError: Columns are not the assets, or a number is missing.
+        """
+        places = Axis("asset", self.assets).order(tuple(returns.columns), "returns")
+        rows = returns if places is None else returns.iloc[:, places]
+        known = isinstance(self.world.emission, GaussianEmission) and self.world.emission.asset_names is not None
+        return np.asarray(np.asarray(filter_beliefs(self.world, rows if known else rows.to_numpy()).predicted)[-1])
 
     def summary(self) -> str:
         """Return two lines for a person to read."""

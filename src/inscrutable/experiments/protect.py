@@ -94,7 +94,7 @@ class Protection:
 
     @cached_property
     def verdict(self) -> str:
-        """Whether the beliefs are hidden from the naive observer, who takes the weights at face value.
+        """Whether the beliefs are hidden from the naive observer, who takes the weights at face value; its error for one.
 
         An observer without weights estimates the stationary law of the model's regimes, and names its likeliest regime. The
         text is empty where that law is not unique.
@@ -114,6 +114,15 @@ class Protection:
                 ("PDM", self.drawn.belief_set),
             )
         ]
+        if len(self) == 1:
+            told = ("explained by no belief" if np.isnan(each.error) else f"{each.error:.2f}" for each in reached)
+            errors = ", ".join(f"{each.name} {error}" for each, error in zip(reached, told, strict=True))
+            return (
+                "Error of the naive observer, who takes the weights at face value: "
+                f"{errors}; without weights {asked.error_without:.2f}.\n"
+                "A backtest and a comparison judge whether many decisions are hidden, also from the aware observer, who knows "
+                "the rule."
+            )
         return (
             f"Hidden from the naive observer, who takes the weights at face value: {asked.judge(reached[1:], reached[0])}.\n"
             f"{asked.meaning(without='weights', state='regime', cases='the rows')}\n"

@@ -15,7 +15,7 @@ from inscrutable.budgets import Budget, as_budget
 from inscrutable.decision_makers import DecisionSequence, MixedDecision, SequentialDecisionMaker
 from inscrutable.decision_makers.sequential.sequence import StepFigures
 from inscrutable.experiments.backtest_aware import resolution_for
-from inscrutable.experiments.investor_model import InvestorModel, checked_model
+from inscrutable.experiments.investor_model import BASIS_POINTS, InvestorModel, checked_model
 from inscrutable.mechanisms.chains import BeliefChain, predicted_chain
 from inscrutable.validation import Array
 
@@ -107,7 +107,7 @@ class ProtectedStep:
         return pd.DataFrame(
             {
                 "probability, %": [f"{100.0 * share:.2f}" for share in table["probability"]],
-                "regret": [f"{regret:.3g}" for regret in table["regret"]],
+                "regret, bp": [f"{BASIS_POINTS * regret:.3g}" for regret in table["regret"]],
                 "weights, %": [self.holdings(row) for row in held],
             },
             index=pd.Index(range(1, len(table) + 1), name="portfolio"),
@@ -124,16 +124,17 @@ class ProtectedStep:
 
     def summary(self) -> str:
         """Return a few sentences: regret, the observer's estimate, and the published weights."""
+        own, seen = (BASIS_POINTS * each for each in (self.expected.own_regret, self.expected.regret))
         lines = [
-            f"This step costs {self.expected.own_regret:.3g} of regret in expectation under your belief, "
-            f"{self.expected.regret:.3g} by the observer's law, and leaks {self.expected.bits:.3f} bits on average.",
+            f"This step costs {own:.3g} bp of wealth in expectation under your belief, {seen:.3g} by the observer's law, and "
+            f"leaks {self.expected.bits:.3f} bits on average.",
             f"The aware observer, who has seen {_counted(self.n_published - (self.published is not None))}, believes "
             f"{self._named(self.before)}.",
         ]
         if self.is_off_grid:
             lines.append(
-                f"Your belief is not one of the grid's {self.n_beliefs}: the observer's law does not contain it, and the "
-                "calibration does not count its regret."
+                f"Your belief lies between the {self.n_beliefs} beliefs of the grid, as most do. The rule plays it all the "
+                "same; the observer's law counts the nearest ones instead, and the long-run regret is that of the grid."
             )
         if self.is_approximate:
             lines.append(
@@ -142,9 +143,9 @@ class ProtectedStep:
         if self.after is not None:
             lines.append(f"With the weights published now it holds {self._named(self.after)}.")
         lines.append(
-            f"{_counted(self.n_published)} published so far: {self.spent:.3g} of regret, {self.told:.3f} bits. In the long run "
-            f"the observer's error is {self.long_run_error:.3f}; the ceiling is {self.ceiling:.3f}, on a grid of "
-            f"{self.n_beliefs} beliefs, and the error without decisions {self.prior_error:.3f}."
+            f"{_counted(self.n_published)} published so far: {BASIS_POINTS * self.spent:.3g} bp of wealth, {self.told:.3f} "
+            f"bits. In the long run the observer's error is {self.long_run_error:.3f}; the ceiling is {self.ceiling:.3f}, on a "
+            f"grid of {self.n_beliefs} beliefs, and the error without decisions {self.prior_error:.3f}."
         )
         if self.published is None:
             if self.latest is not None:

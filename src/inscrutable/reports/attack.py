@@ -92,9 +92,10 @@ def reading_notes(attack: Attack) -> list[str]:
             "ones, and what rounding can cause."
         ),
         Reading.IMPLAUSIBLE: (
-            "nearest explanation: no belief explains the weights, rounded or not; shown is the belief of least regret, and the "
-            "gap is that regret, in basis points (bp) of wealth per row of returns, what rounding and --regret allow included: "
-            "--regret with more reads a set."
+            "nearest explanation: no belief explains the weights, rounded or not: this model does not describe how they were "
+            "chosen. Shown is the belief of least regret; the gap is that regret, in basis points (bp) of wealth per row of "
+            "returns. What helps: the investor's limits (--max-weight, --min-weight), the regret that it accepts (--regret, at "
+            "least the gap), or expected returns instead of regimes (inscrutable views)."
         ),
     }
     return [note for reading, note in notes.items() if attack.count(reading)]

@@ -91,7 +91,7 @@ def attack(
         shown = lines if folder is None else lines.iloc[:_LONGEST_TABLE]
         title = f"What the aware observer, who knows the rule ({mechanism}), concludes from all rows so far"
         show_table(shown, title if len(shown) == len(lines) else f"{title}; the first {len(shown)} rows")
-    speech.sentence(f"Each row alone: {found.summary()}.")
+    speech.sentence(found.summary())
     if over_time is not None:
         for line in over_time.summary().splitlines():
             speech.sentence(line)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -28,6 +30,7 @@ from inscrutable import (
 )
 from inscrutable.problems.magnitudes import MagnitudeRegion
 from inscrutable.testing import check_decision_problem
+from sizes import instances, some
 
 cp = pytest.importorskip("cvxpy")
 EXACT = {"tol_gap_abs": 1e-13, "tol_gap_rel": 1e-13, "tol_feas": 1e-13}
@@ -191,7 +194,7 @@ def test_lifted_limits_are_the_rows_of_all_signs(fresh_rng):
     rng, size = fresh_rng, 5
     previous = np.append(0.0, rng.dirichlet(np.ones(size - 1)))
     means, covariances = market(size, 3, rng)
-    beliefs = rng.dirichlet(np.ones(3), 20)
+    beliefs = rng.dirichlet(np.ones(3), instances(20))
     for rows, lifted in as_rows_and_lifted(size, previous):
         points = previous + 0.15 * rng.normal(size=(300, size))
         points += (1.0 - points.sum(axis=1, keepdims=True)) / size
@@ -284,8 +287,7 @@ def constraint_lists(u, previous):
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("size", [6, 30])
-@pytest.mark.parametrize("which", range(5))
+@pytest.mark.parametrize(("size", "which"), some(list(product([6, 30], range(5))), 2))
 def test_norms_and_variables_of_their_own_from_cvxpy(size, which, fresh_rng):
     from inscrutable import ConvexProblem
 

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 import browser
 from inscrutable import InputError, MarkowitzProblem, ModelError, Study, cli, resume_study, run_study
 from inscrutable.datasets import write_json
-from inscrutable.experiments.comparison import COMPARED, ComparisonSettings, compare
+from inscrutable.experiments.comparison import COMPARED, ComparisonSettings, compare, makers_of
 from inscrutable.experiments.comparison_markets import market_of
 from inscrutable.experiments.comparison_study import compared, comparison_of, comparison_study
 from inscrutable.experiments.investor_model import InvestorModel
@@ -39,6 +39,7 @@ from inscrutable.experiments.studies.tasks import Done, TaskRunner
 from inscrutable.experiments.studies.whole import BEFORE, all_rows, shipped
 from inscrutable.reports.reproduction import summary_of
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
+from sizes import some
 from small_runs import nothing_painted, short_searches, short_simulations
 from study_runs import SMALL
 from test_page import EVIL, Reader
@@ -104,13 +105,15 @@ def parts(run: MarketRun) -> dict[str, object]:
 
 
 def test_the_comparison_is_the_librarys_own(tmp_path: Path) -> None:
-    """Every decision maker."""
-    settings = ComparisonSettings(budgets=(0.6,), repeats=(1, 5), draws=20)
+    """Decision makers of every kind; in `make audit` all of them."""
+    settings, makers = ComparisonSettings(budgets=(0.6,), repeats=(1, 5), draws=20), tuple(some(list(COMPARED), 2))
     market = market_of("paper", 2, 7)
-    study = comparison_study(settings, market="paper", resolution=2, seed=7)
+    study = comparison_study(settings, makers, market="paper", resolution=2, seed=7)
     told: list[str] = []
     with short_simulations():
-        direct = compare(market.problem, market.chain, settings, rng=np.random.default_rng([7, 1]))
+        direct = compare(
+            market.problem, market.chain, settings, makers=makers_of(makers), rng=np.random.default_rng([7, 1])
+        )
         found, note = compared(study, tmp_path, jobs=1, say=told.append, progress=lambda done, total: None)
     assert found.frame().equals(direct.frame())
     assert found.summary() == direct.summary()

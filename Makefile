@@ -35,12 +35,13 @@ docs: .venv/.docs ## build the documents from executed sources; a warning is an 
 # Two test processes share two cores, so each does its linear algebra on one thread.
 test: export OPENBLAS_NUM_THREADS := 1
 test: export OMP_NUM_THREADS := 1
-test: .venv/.test ## lint, types, layout, unit tests, doctests, documents and examples (some 8 minutes on two cores)
+test: .venv/.core ## lint, types, layout, unit tests, doctests, documents and examples (some 8 minutes on two cores)
 	@$(MAKE) --no-print-directory -j 2 lint types imports kernels
 	$(BIN)/pytest -n 2 --dist worksteal
 
-# Once and on both cores; test processes would compile the same ones side by side.
-kernels: .venv/.test
+# Once and on both cores; test processes would compile the same ones side by side. It needs no more than the package itself, so
+# the tools of the tests are installed meanwhile.
+kernels: .venv/.core
 	$(BIN)/inscrutable compile --quiet
 
 lint: .venv/.test ## style and formatting
@@ -66,11 +67,11 @@ clean: ## remove the environment, the caches and the demo
 # ---- the environment: made once, renewed when a requirement changes -----------------------------
 
 comma := ,
-EVERYTHING := .[test,docs,global,data,bench,audit]
+EXTRAS := test docs global data bench audit
 
 define install
 	@echo "Installing into .venv (a minute or two the first time) ..."
-	@$(BIN)/python -m pip install -qq --no-compile -c constraints.txt -e '$(1)' || { \
+	@$(BIN)/python -m pip install -qq --no-compile -c constraints.txt $(1) || { \
 		echo; \
 		echo "The installation failed; pip's reason is above."; \
 		echo "A broken connection, a timeout, or versions said to be missing or in conflict mean that the package"; \
@@ -79,16 +80,19 @@ define install
 		exit 1; } >&2
 endef
 
-.venv/.test: pyproject.toml constraints.txt | $(BIN)/pip
-	$(call install,$(EVERYTHING))
-	@touch .venv/.core .venv/.docs $@
+# Added to the package, which stays as it is: its kernels may be compiling.
+.venv/.test: pyproject.toml constraints.txt | .venv/.core
+	@$(BIN)/python -c 'import tomllib; of = tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]; \
+		print(*(each for name in "$(EXTRAS)".split() for each in of[name]), sep="\n")' >.venv/extras.txt
+	$(call install,-r .venv/extras.txt)
+	@touch .venv/.docs $@
 
 .venv/.core: pyproject.toml constraints.txt | $(BIN)/pip
-	$(call install,.[report])
+	$(call install,-e '.[report]')
 	@touch $@
 
 .venv/.docs: pyproject.toml constraints.txt | $(BIN)/pip
-	$(call install,.[docs$(comma)report])
+	$(call install,-e '.[docs$(comma)report]')
 	@touch .venv/.core $@
 
 $(BIN)/pip:

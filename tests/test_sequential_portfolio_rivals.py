@@ -159,6 +159,17 @@ def test_no_answers_are_listed_where_they_move_smoothly(monkeypatch: pytest.Monk
     decided(market(np.random.default_rng(seed), told=0.03))
 
 
+def test_steps_go_on_where_the_rivals_answer_begins_to_differ() -> None:
+    """Newton's steps for the answers on one side of such a belief lead to the other side, where others are best."""
+    rng = np.random.default_rng(1)
+    maker = market(rng, told=0.02)
+    sequence = maker.begin()
+    for _ in range(2):
+        sequence.observe()
+        lottery = sequence.decide(maker.beliefs[int(rng.integers(66))])
+        sequence.publish(lottery.actions[0])
+
+
 def test_bounds_of_gains_are_bounds_where_powers_overflow(fresh_rng: np.random.Generator) -> None:
     """Else a decision that gains is left out, and the step counts as solved."""
     offers, paid = (scale * fresh_rng.normal(size=(30, 50)) for scale in (1500.0, 1000.0))

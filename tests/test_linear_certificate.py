@@ -317,7 +317,7 @@ def test_a_proven_lottery_over_costs_with_kinks_is_no_less_private_than_the_deci
 
 @pytest.mark.parametrize("seed", range(3))
 def test_choices_that_no_candidate_plays_are_found_and_count(seed):
-    """Candidates are the choices of single states: against the distances of all that a belief explains, and a linear programme."""
+    """Candidates are the choices of single states: against the distances of all that is explained, and a linear programme."""
     rng = np.random.default_rng([20261126, seed])
     costs, belief, found = rng.uniform(size=(3, 12)), rng.dirichlet(np.full(3, 3.0)), {}
     regrets = belief @ costs - (belief @ costs).min()

@@ -334,7 +334,9 @@ def test_choices_that_no_candidate_plays_are_found_and_count(seed):
     single = CounterAdversarialDecisionMaker(
         problem, budget=Budget.regret(limit), candidates=few, method=GlobalSearch(certify=0.01)
     ).decide(belief)
-    mixed = ProbabilisticDecisionMaker(problem, budget=Budget.regret(limit), candidates=few, certify=0.01).decide(belief)
+    mixed = ProbabilisticDecisionMaker(problem, budget=Budget.regret(limit), candidates=few, certify=0.01).decide(
+        belief
+    )
     best = max(away for choice, away in found.items() if regrets[choice] <= limit)
     assert single.privacy == pytest.approx(best, abs=1e-7)
     assert single.privacy_bound == pytest.approx(best, abs=1e-7)

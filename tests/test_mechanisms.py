@@ -14,6 +14,7 @@ from scipy import sparse
 from inscrutable import (
     CategoricalEmission,
     CounterAdversarialDecisionMaker,
+    DirichletDecisionMaker,
     FiniteProblem,
     GaussianEmission,
     HiddenMarkovModel,
@@ -66,6 +67,12 @@ def test_a_rule_is_listed_as_it_decides(fresh_rng):
         points, numbers, shares = chooser.table(beliefs)
         assert np.array_equal(points[numbers[:, 0]], chooser.decide_many(beliefs).action)
         assert (shares == 1).all()
+
+
+@pytest.mark.parametrize("kind", ["finite", "linear"])
+def test_noise_of_weights_needs_weights(kind):
+    with pytest.raises(InputError, match="portfolio weights on the simplex"):
+        DirichletDecisionMaker(problems()[kind], 10.0, rng=np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("spent", [np.inf, 0.3])

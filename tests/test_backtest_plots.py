@@ -163,6 +163,10 @@ def test_month_shows_the_distances(found: Backtest, kept: list[Any]) -> None:
     labels = [text.get_text() for text in axis.get_legend().get_texts()]
     assert f"counter-adversarial (CDM): distance {found.privacy('CDM')[step]:.2f}" in labels
     assert "π, the true belief" in labels
+    shown = {each.get_label(): np.ravel(each.get_xdata()) for each in axis.lines} | {
+        each.get_label(): each.get_xy() for each in axis.patches
+    }
+    assert all(len(shown[each]) for each in labels)
     assert f"{found.dates[step]:%Y-%m-%d}" in axis.get_title()
 
 

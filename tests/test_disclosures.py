@@ -157,6 +157,11 @@ def test_malformed_disclosures_are_refused(text: Any, said: str) -> None:
         Disclosure.of(text)
 
 
+def test_a_disclosure_is_joined_with_nothing_else() -> None:
+    with pytest.raises(TypeError, match="unsupported operand"):
+        ins.every(3) | 3  # type: ignore[operator]
+
+
 def test_maps_that_do_not_suit_are_refused() -> None:
     with pytest.raises(InputError, match="2 labels"):
         ins.grouped(["a", "b"]).shown([[0.1, 0.2, 0.7]])

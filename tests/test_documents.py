@@ -196,9 +196,10 @@ def test_page_runs_with_its_long_commands_and_its_pictures(
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.relative_to(ROOT).as_posix())
 def test_script_runs(script: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with contextlib.redirect_stdout(io.StringIO()):
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
         runpy.run_path(str(script), run_name="__main__")
     pyplot.close("all")
+    assert printed.getvalue().strip()
 
 
 @each_page

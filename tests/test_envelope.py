@@ -71,6 +71,11 @@ def test_a_step_straight_up_and_points_on_a_line():
     assert concave_envelope(np.zeros(0), np.zeros(0)).size == 0
 
 
+def test_without_a_budget_the_free_point_is_alone():
+    found = best_mixture(np.array([0.0, 1.0]), np.array([0.2, 1.0]), 0.0)
+    assert (found.indices.tolist(), found.probabilities.tolist()) == ([0], [1.0])
+
+
 def test_the_price_is_the_dual_of_the_budget():
     regrets, privacies = np.array([0.0, 1.0, 3.0]), np.array([0.0, 2.0, 3.0])
     for limit, price in [(0.5, 2.0), (2.0, 0.5), (5.0, 0.0)]:

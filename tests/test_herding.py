@@ -60,6 +60,8 @@ def test_simulated_cascades_are_within_sampling_error(p: float) -> None:
     shares = np.array([[each.right, each.wrong, each.none] for each in (found, exact)])
     assert (np.abs(shares[0] - shares[1]) < 4.5 * found.errors).all(), f"FRESH_SEED={SEED}"
     assert abs(found.welfare - exact.welfare) < 4.5 * found.welfare_error
+    assert np.abs(found.joint.sum(axis=0) - 0.5).max() < 4.5 * np.sqrt(0.25 / found.n_paths)
+    assert abs((found.joint * found.public_beliefs).sum() - found.truths[-1]) < 1e-12
 
 
 # An enumeration that shares no code with the package: decision makers are functions from a belief to a law.

@@ -119,6 +119,8 @@ def test_malformed_input_is_named() -> None:
     for call, said in [
         (lambda: inverse_kalman_filter(None, SEEN), "world"),  # type: ignore[arg-type]
         (lambda: inverse_kalman_filter(WORLD, SEEN), "seen has shape"),
+        (lambda: inverse_kalman_filter(WORLD, SEEN[:0], VIEW), "seen has shape"),
+        (lambda: inverse_kalman_filter(WORLD, SEEN[:, :, None], VIEW), "seen has shape"),
         (lambda: inverse_kalman_filter(WORLD, SEEN, LinearView([[1.0]])), "columns"),
         (lambda: inverse_kalman_filter(WORLD, SEEN, VIEW, states=np.zeros((3, 2))), "2 finite rows"),
         (lambda: LinearView([[1.0]], [[1.0, 0.0]]), "noise has shape"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 from inscrutable import (
     Budget,
@@ -312,3 +313,33 @@ def test_a_proven_lottery_over_costs_with_kinks_is_no_less_private_than_the_deci
     assert mixed.expected_privacy >= alone.privacy - 1e-9
     assert mixed.expected_privacy <= mixed.privacy_bound + 1e-9
     assert mixed.probabilities @ mixed.regrets <= 0.05 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_choices_that_no_candidate_plays_are_found_and_count(seed):
+    """Candidates are the choices of single states: against the distances of all that is explained, and a linear programme."""
+    rng = np.random.default_rng([20261126, seed])
+    costs, belief, found = rng.uniform(size=(3, 12)), rng.dirichlet(np.full(3, 3.0)), {}
+    regrets = belief @ costs - (belief @ costs).min()
+    limit = 0.3 * float(regrets.max())
+    for choice in range(12):
+        away = tied.distance_to(np.zeros((0, 3)), (costs[:, [choice]] - costs).T, belief)
+        if np.isfinite(away):
+            found[choice] = away
+    known = list(found)
+    answer = linprog(
+        -np.array(list(found.values())), A_ub=[regrets[known]], b_ub=[limit], A_eq=np.ones((1, len(known))), b_eq=[1.0]
+    )
+    problem, few = FiniteProblem(costs), np.eye(12)[np.unique(costs.argmin(axis=1))]
+    single = CounterAdversarialDecisionMaker(
+        problem, budget=Budget.regret(limit), candidates=few, method=GlobalSearch(certify=0.01)
+    ).decide(belief)
+    mixed = ProbabilisticDecisionMaker(problem, budget=Budget.regret(limit), candidates=few, certify=0.01).decide(
+        belief
+    )
+    best = max(away for choice, away in found.items() if regrets[choice] <= limit)
+    assert single.privacy == pytest.approx(best, abs=1e-7)
+    assert single.privacy_bound == pytest.approx(best, abs=1e-7)
+    assert mixed.expected_privacy == pytest.approx(-answer.fun, abs=1e-7)
+    assert mixed.privacy_bound == pytest.approx(-answer.fun, abs=1e-7)
+    assert len(known) > len(few)

@@ -14,6 +14,7 @@ from scipy import sparse
 from inscrutable import (
     CategoricalEmission,
     CounterAdversarialDecisionMaker,
+    DirichletDecisionMaker,
     FiniteProblem,
     GaussianEmission,
     HiddenMarkovModel,
@@ -22,6 +23,7 @@ from inscrutable import (
     MarkowitzProblem,
     Mechanism,
     OriginalDecisionMaker,
+    Polyhedron,
     Prior,
     ProbabilisticDecisionMaker,
     RoundingDecisionMaker,
@@ -65,6 +67,30 @@ def test_a_rule_is_listed_as_it_decides(fresh_rng):
         points, numbers, shares = chooser.table(beliefs)
         assert np.array_equal(points[numbers[:, 0]], chooser.decide_many(beliefs).action)
         assert (shares == 1).all()
+
+
+@pytest.mark.parametrize("kind", ["finite", "linear"])
+def test_noise_of_weights_needs_weights(kind):
+    with pytest.raises(InputError, match="portfolio weights on the simplex"):
+        DirichletDecisionMaker(problems()[kind], 10.0, rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("spent", [np.inf, 0.3])
+def test_off_the_simplex_the_cheapest_neighbour_that_is_feasible_is_played(spent):
+    """Against all multiples of the step in the box: few are neighbours of the optimum."""
+    rng, step = np.random.default_rng(20261126), 0.25
+    ends = np.full(3, 1.0)
+    region = box(-ends, ends) if np.isinf(spent) else box(-ends, ends) & Polyhedron([np.ones(3)], [spent])
+    market = rng.normal(size=(3, 3)), [np.diag(each) for each in rng.uniform(1.0, 3.0, (3, 3))]
+    problem = MarkowitzProblem(*market, 1.0, region)
+    grid = np.array(list(product(np.arange(-1.0, 1.1, step), repeat=3)))
+    grid = grid[grid.sum(axis=1) <= spent + 1e-9]
+    beliefs = rng.dirichlet(np.ones(3), 12)
+    for belief, found in zip(beliefs, RoundingDecisionMaker(problem, step).decide_many(beliefs).action, strict=True):
+        apart = grid - problem.solve(belief)
+        near = grid[((apart > -step) & (apart < step)).all(axis=1)]
+        costs = [float(belief @ [a @ c @ a - m @ a for m, c in zip(*market, strict=True)]) for a in near]
+        assert found == pytest.approx(near[int(np.argmin(costs))], abs=1e-9)
 
 
 @pytest.mark.parametrize("maker", MAKERS)

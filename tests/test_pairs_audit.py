@@ -156,6 +156,7 @@ def test_the_design_effect_of_an_autoregression(stay: float) -> None:
     direct = [np.mean((series - series.mean())[: len(series) - k] * (series - series.mean())[k:]) for k in (1, 4)]
     wanted = np.array(direct) * np.array([len(series) - 1, len(series) - 4]) / len(series) / series.var()
     assert autocorrelations(series)[[1, 4]] == pytest.approx(wanted, abs=1e-9)
+    assert design_effect(1e-3 * series) == pytest.approx(design_effect(series))
     assert memory(np.ones(50)) == 0
 
 

@@ -42,6 +42,7 @@ YES, NO = 0.0, -np.inf
         (Infeasibility(margin=0.0), EMPTY, CENTRE, YES),
         (Infeasibility(margin=0.2), EMPTY, CENTRE, YES),
         (Infeasibility(margin=0.21), EMPTY, CENTRE, NO),
+        (Infeasibility(), BeliefSet(np.ones((1, 3)), NO_ROWS), CENTRE, NO),  # no gap is known
         # (b) non-uniqueness: another belief than the true one, whether or not the true one is there
         (NonUniqueness(), POINT, CENTRE, NO),
         (NonUniqueness(), POINT, CORNER, YES),

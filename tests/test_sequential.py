@@ -131,6 +131,8 @@ def test_filter_and_smoother_equal_enumeration(
     check_against(filtered, truth, smoothed=False)
     check_against(smoothed, truth, smoothed=True)
     assert set(filtered.statuses) == {SequenceStatus.USED}
+    for found in (filtered, smoothed):
+        assert found.effective_size * (found.weights**2).sum(axis=1) == pytest.approx(1.0, abs=EXACT)
     # Where the models agree, the state given the belief has the belief as its law.
     assert filtered.mean == pytest.approx(filtered.states, abs=EXACT)
 

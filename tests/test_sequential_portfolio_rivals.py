@@ -155,8 +155,16 @@ def decided(maker: SequentialDecisionMaker) -> None:
 @pytest.mark.parametrize("seed", [437117587, 1078])
 def test_no_answers_are_listed_where_they_move_smoothly(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
     """Here a decision gains near the belief it was priced from, and not where the rival holds another set of assets."""
+    laws, smoothly = [], StepRule._smoothly
+
+    def solved(self: StepRule, law: np.ndarray, *arguments: Any) -> Any:
+        laws.append(law)
+        return smoothly(self, law, *arguments)
+
+    monkeypatch.setattr(StepRule, "_smoothly", solved)
     monkeypatch.setattr(StepRule, "_solved", lambda *_: pytest.fail("the rival's answers are listed"))
     decided(market(np.random.default_rng(seed), told=0.03))
+    assert laws
 
 
 def test_steps_go_on_where_the_rivals_answer_begins_to_differ() -> None:

@@ -27,6 +27,7 @@ from inscrutable.decision_makers.aware import stackelberg_solver
 from inscrutable.decision_makers.aware.stackelberg_game import Game
 from inscrutable.experiments.random_markets import random_market
 from inscrutable.privacy.leaks import silence_regret
+from oracles import markets
 from sizes import instances
 from strategies import SEEDS
 from test_rate_distortion import CORNERS, TWO, market, regrets_of, silence
@@ -330,6 +331,15 @@ def test_small_budgets_with_uneven_weights_need_no_more_steps() -> None:
     found.solve(progress=lambda done, most: steps.append(done))
     assert found.gap <= 0.01
     assert len(steps) <= 30
+
+
+def test_a_market_needs_few_of_newtons_steps() -> None:
+    """Three times as many with a corrector of the wrong sign."""
+    problem = MarkowitzProblem(*markets.random_market(np.random.default_rng([13, 3]), 3, 4))
+    steps: list[int] = []
+    maker = StackelbergDecisionMaker(problem, 0.1, prior=uniform_prior(3, 5))
+    maker.solve(progress=lambda done, most: steps.append(done))
+    assert 0 < len(steps) <= 16
 
 
 def test_a_lottery_of_many_decisions_prints_the_heaviest_and_the_rest_together() -> None:

@@ -161,13 +161,9 @@ def _apart(points: Array) -> Array:
 
 def nearest_point(polytope: Reduced, target: Array) -> Array:
     """Return the point of the polytope nearest to `target` in the Euclidean norm."""
-    dimension = polytope.directions.shape[0]
-    if dimension == 0:
+    if not len(polytope.directions):
         return polytope.origin
     wanted = polytope.directions @ (target - polytope.origin)
-    if dimension == 1:
-        low, high = -polytope.offsets[1], polytope.offsets[0]
-        return np.asarray(polytope.origin + np.clip(wanted[0], low, high) * polytope.directions[0])
     z = project_on_rows(polytope.rows, polytope.offsets, wanted)
     return np.asarray(polytope.origin + z @ polytope.directions)
 

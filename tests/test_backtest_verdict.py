@@ -15,7 +15,7 @@ import pytest
 from inscrutable import cli
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
 from inscrutable.experiments.rivals import RIVAL, loss_of
-from inscrutable.reports.backtest_verdict import cautions, limits, verdict
+from inscrutable.reports.backtest_verdict import cautions, limits, nothing_to_hide, verdict
 from small_runs import coarse_rivals
 
 N_TRAINING, N_DECISIONS = 66, 14
@@ -106,9 +106,25 @@ def test_weights_that_name_the_regime_no_oftener_than_chance(moving: Backtest) -
 
 def test_a_single_month_of_another_regime_is_a_caution(moving: Backtest) -> None:
     found = shifted(moving, {"base_rate": 13 / 14}, ODM={"share_regime_named": 1.0, "share_regime_named_followed": 1.0})
-    said = "The commonest regime is right in 13 of 14 months: whether a rule hides the regime is judged by the other 1 alone."
-    assert cautions(found)[0] == said
-    assert not any("commonest" in each for each in cautions(moving))
+    said = "in only 1 of 14 months the likeliest regime is another than the commonest"
+    assert cautions(found)[0] == f"Few months tell whether the regime is hidden: {said}."
+    assert said in verdict(found)[0]
+    assert not any("commonest" in each for each in [*cautions(moving), verdict(moving)[0]])
+
+
+def test_what_the_naive_observer_reads_is_not_said_to_be_unrevealed_to_the_aware_one(moving: Backtest) -> None:
+    """The aware observer's grid may miss a month: the weights tell that regime all the same."""
+    own = {
+        "share_regime_named": 1.0,
+        "error_face_value": 0.0,
+        "share_regime_named_followed": 0.5,
+        "error_followed": 0.01,
+    }
+    found = shifted(moving, {"base_rate": 0.55}, ODM=own)
+    assert not nothing_to_hide(found)
+    unread = {"share_regime_named": float("nan"), "error_face_value": float("nan")}  # no belief explains the weights
+    assert not nothing_to_hide(shifted(found, {}, ODM=unread))
+    assert set(nothing_to_hide(shifted(found, {}, ODM={**own, "share_regime_named": 0.5}))) == {"naive", "aware"}
 
 
 @pytest.mark.usefixtures("undrawn")

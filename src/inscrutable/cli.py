@@ -258,7 +258,7 @@ def backtest(
         result = run_backtest(table, settings, beliefs=held, riskless=rate, beside=beside, progress=move)
     _show_backtest(result, folder, _written(result, folder, speech), speech)
     doubts = [*result.doubts, *cautions(result)] if strict else []
-    return _said("; ".join(doubts), ModelError.exit_code, kind="doubtful") if doubts else 0
+    return _said("; ".join(each.rstrip(".") for each in doubts), ModelError.exit_code, kind="doubtful") if doubts else 0
 
 
 def _written(result: Backtest, folder: Path, speech: Speech) -> list[Path]:

@@ -59,6 +59,8 @@ def answer(result: Backtest) -> str:
             f"{listed([full_name(name) for name in names])} weights {verb} from {whom}, at {cost}{prices}{unit}"
         )
         unit = cost = ""
+    if _few_others(result):
+        parts.append(_few_others(result))
     return f"In short: {'; '.join(parts)}{_dearer_than_silence(result)}."
 
 
@@ -78,15 +80,17 @@ def nothing_to_hide(result: Backtest) -> dict[str, _Nothing]:
     own, word = result.figures[result.names[0]], result.market.frequency.word
     seen = {who: each for who, each in _SEEN.items() if who == "naive" or result.aware is not None}
     if moves_little(result.beliefs):
-        why = f"the belief hardly moves over these {len(result.beliefs)} {word}s: its mean tells it without any weights"
+        why = f"the belief hardly moves over these {len(result.beliefs)} {word}s, and its mean tells it without any weights"
         return dict.fromkeys(seen, _Nothing("nothing", why))
-    found = {}
+    found, named = {}, 0.0
     weights = f"the {FULL_NAMES['ODM']} weights, without protection,"
     for who, keys in seen.items():
         reached, without = keys.reached(result.names[0], own), own["error_without"]
+        # What the naive observer reads, the weights reveal to the aware one, too; NaN, where it reads none, is no reason.
+        named = float(np.maximum(named, reached.named))
         if result.aware is not None and _asked(result).is_met(reached):
             found[who] = _Nothing("nothing", f"{weights} pass for hidden as well")
-        elif reached.named <= own["base_rate"]:
+        elif named <= own["base_rate"]:
             why = (
                 f"{weights} reveal no likeliest regime that the commonest one does not (named in {reached.named:.0%} of "
                 f"{len(result.beliefs)} {word}s, the commonest alone is right in {own['base_rate']:.0%})"
@@ -328,8 +332,8 @@ def cautions(result: Backtest) -> list[str]:
             f"The verdict judges no rule against {_observers(whom)}: there is {each.what} to hide."
             for each, whom in _by_reason(nothing).items()
         ]
-    if hiding and len(nothing) < len(_SEEN) and _NEARLY_ALWAYS < figures[odm]["base_rate"] < 1.0:
-        said.append(_few_others(result))
+    if hiding and _few_others(result) and len(nothing) < len(_SEEN):
+        said.append(f"Few {result.market.frequency.word}s tell whether the regime is hidden: {_few_others(result)}.")
     for name in hiding:
         named = figures[name]["share_regime_named"]
         if len(result.regimes) == 2 and named < 0.5 * figures[odm]["base_rate"]:
@@ -342,12 +346,12 @@ def cautions(result: Backtest) -> list[str]:
 
 
 def _few_others(result: Backtest) -> str:
-    """Return a caution on a commonest regime that is nearly always right."""
-    cases, word = len(result.beliefs), result.market.frequency.word
-    right = round(result.figures[result.names[0]]["base_rate"] * cases)
+    """Return a clause on a commonest regime that is nearly always right; empty for any other."""
+    rate, cases, word = result.figures[result.names[0]]["base_rate"], len(result.beliefs), result.market.frequency.word
+    if not _NEARLY_ALWAYS < rate < 1.0:
+        return ""
     return (
-        f"The commonest regime is right in {right} of {cases} {word}s: whether a rule hides the regime is judged by the other "
-        f"{cases - right} alone."
+        f"in only {cases - round(rate * cases)} of {cases} {word}s the likeliest regime is another than the commonest"
     )
 
 

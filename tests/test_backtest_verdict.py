@@ -15,6 +15,7 @@ import pytest
 from inscrutable import cli
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
 from inscrutable.experiments.rivals import RIVAL, loss_of
+from inscrutable.reports.backtest import files_told, text_of, write_backtest
 from inscrutable.reports.backtest_verdict import cautions, limits, nothing_to_hide, verdict
 from small_runs import coarse_rivals
 
@@ -190,3 +191,18 @@ def test_budgets_are_said_with_what_was_realised(moving: Backtest) -> None:
     for name in moving.names[1:]:
         assert f"{moving.figures[name]['mean_regret_share']:.1%} ({name})" in said
     assert "realised: " in said
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_terminal_shows_the_verdict_below_the_table_and_families_of_files(moving: Backtest, tmp_path: Path) -> None:
+    lines = text_of(moving).splitlines()
+    start = lines.index(verdict(moving)[0])
+    assert lines[start - 1] == ""
+    assert lines[start - 2].startswith("months in which no privacy was affordable")
+    written = write_backtest(moving, tmp_path)
+    told = files_told(written)
+    assert len(told) < 0.5 * len(written)
+    assert any(re.fullmatch(r"weights_\*\.csv \(ODM, CDM, PDM\) +published weights", line) for line in told)
+    for path in written:
+        family = path.stem if path.suffix == ".png" else path.stem.partition("_")[0]
+        assert any(family in line for line in told), path.name

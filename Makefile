@@ -22,8 +22,6 @@ help: ## this list
 
 demo: .venv/.core ## walk an investor through 27 years of real returns, into demo/
 	$(BIN)/inscrutable backtest --out demo
-	@echo "The table and the figures are in the folder demo:"
-	@ls -1 demo | sed 's/^/  demo\//'
 
 docs: export OPENBLAS_NUM_THREADS := 1
 docs: export OMP_NUM_THREADS := 1

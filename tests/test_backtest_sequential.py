@@ -140,8 +140,9 @@ def test_what_is_said_of_it(found: Backtest, tmp_path: Path) -> None:
     prices, figures = found.sequential.maker.calibration, found.figures["SDM"]
     assert prices.loss - 4.0 * prices.loss_se <= figures["error_ceiling"] ** 2
     said = "\n".join(limits(found))
+    assert "SDM within 50% of the silence regret, " in said
     assert (
-        "SDM: 50% of the silence regret, in the mean of the long run of the fitted regimes, more in single months)"
+        "in expectation over the long run of the fitted regimes, by the model, more in single months; realised: "
         in said
     )
     assert (

@@ -59,7 +59,7 @@ def test_a_rival_who_names_the_regime_nearly_always_is_not_held_off(found: Backt
 
 
 def test_an_estimate_half_as_wrong_is_not_held_off(found: Backtest) -> None:
-    figures = with_figures(found, error_without=0.5, base_rate=0.5, error_face_value=0.3, share_regime_named=0.5)
+    figures = with_figures(found, error_without=0.5, base_rate=0.5, error_face_value=0.3, share_regime_named=0.6)
     assert "at face value: by none:" in line_of(figures, "at face value")
 
 
@@ -72,12 +72,16 @@ def test_nothing_is_judged_where_unprotected_weights_pass_as_well(found: Backtes
     assert asked.judge([other], Reached("ODM", 0.1, 0.986)) == asked.judge([other]) == "by CDM (error 0.30, named 95%)"
     given = {"error_without": 0.175, "base_rate": 0.986, "error_face_value": 0.561, "share_regime_named": 0.986}
     figures = with_figures(found, **given, error_followed=0.0, share_regime_named_followed=1.0)
-    assert "hides the investor's belief from the naive observer" in verdict(figures)[0]
-    assert "the optimal weights, without protection, pass as well" in verdict(figures)[0]
+    assert "there is nothing to hide from the naive observer: the optimal weights, without" in verdict(figures)[0]
     assert "at face value: cannot be judged" in line_of(figures, "at face value")
     assert "by none: " in line_of(figures, "aware observer, who knows the rules")
     both = with_figures(found, **given, error_followed=0.3, share_regime_named_followed=0.95)
-    assert "from both observers: the optimal weights" in verdict(both)[0]
+    assert "nothing to hide from either observer: the optimal weights" in verdict(both)[0]
+    passing = {"error_without": 0.3, "base_rate": 0.5, "error_followed": 0.1, "share_regime_named_followed": 0.9}
+    naive = with_figures(found, **passing, error_face_value=0.3, share_regime_named=0.6)
+    assert (
+        "from the naive observer: the optimal weights, without protection, pass for hidden as well" in verdict(naive)[0]
+    )
 
 
 def test_the_best_come_first_and_those_without_an_estimate_are_not_judged() -> None:

@@ -200,11 +200,12 @@ def backtest(
         seed: The same seed gives the same numbers.
         out: Folder for the table, the figures, the weights and model.json; with the extra `inscrutable[report]` also
             report.html, one interactive page that works offline.
-        strict: Exit with code 4 where the figures are doubtful: the fit collapsed or is overfitted, or the belief hardly moves.
-            All files are written nevertheless.
+        strict: Exit with code 4 where figures or verdict are doubtful: the fit collapsed or is overfitted, the belief hardly
+            moves, there is nothing to hide, or hiding is weak. All files are written nevertheless.
     """
     from inscrutable.experiments.backtest import BacktestSettings, run_backtest
     from inscrutable.experiments.rivals import read_rival
+    from inscrutable.reports.backtest_verdict import cautions
 
     if sum(option is not None for option in (returns, prices)) + daily > 1:
         raise UsageError("--returns, --prices and --daily exclude one another: give one of them")
@@ -256,7 +257,8 @@ def backtest(
     with speech.progress("Decisions") as move:
         result = run_backtest(table, settings, beliefs=held, riskless=rate, beside=beside, progress=move)
     _show_backtest(result, folder, _written(result, folder, speech), speech)
-    return _said("; ".join(result.doubts), ModelError.exit_code, kind="doubtful") if strict and result.doubts else 0
+    doubts = [*result.doubts, *cautions(result)] if strict else []
+    return _said("; ".join(each.rstrip(".") for each in doubts), ModelError.exit_code, kind="doubtful") if doubts else 0
 
 
 def _written(result: Backtest, folder: Path, speech: Speech) -> list[Path]:
@@ -273,16 +275,13 @@ def _written(result: Backtest, folder: Path, speech: Speech) -> list[Path]:
 
 
 def _show_backtest(result: Backtest, folder: Path, files: list[Path], speech: Speech) -> None:
-    from inscrutable.reports import backtest_verdict
-    from inscrutable.reports.backtest import text_of, warnings_of
+    from inscrutable.reports.backtest import files_told, text_of
 
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
-    parts = (backtest_verdict.limits(result), warnings_of(result))
-    speech.sentence("\n\n".join(filter(None, [text_of(result), *map("\n".join, parts)])) + "\n")
-    speech.files(files)
-    speech.sentence("\n" + "\n".join(backtest_verdict.verdict(result)))
+    speech.sentence(text_of(result))
+    speech.sentence("\n".join([f"\nWritten to {folder}:", *(f"  {line}" for line in files_told(files))]))
 
 
 def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd.DataFrame, pd.Series | None]:

@@ -226,6 +226,16 @@ class Backtest:
         constant = float(self.problem.optimal_cost(rows.mean(axis=0)))
         return max(constant - float(self.episode.records[self.names[0]].decisions.optimal_cost.mean()), 0.0)
 
+    @cached_property
+    def known_silence_regret(self) -> float:
+        """Mean regret of the constant portfolio for the long-run mean of the belief, which is known beforehand.
+
+        It is in the cost's unit, by the investor's beliefs; NaN without an aware observer, whose prior has that mean.
+        """
+        if self.aware is None:
+            return float("nan")
+        return float(RivalProblem(self.problem).excess(self.beliefs.to_numpy(), self.aware.prior.mean[None]).mean())
+
     def _of(self, name: str) -> Record:
         if name not in self.episode.records:
             raise InputError(f"no decision maker {name!r}; there are {list(self.names)}")
@@ -235,11 +245,21 @@ class Backtest:
         return pd.DataFrame(values, index=self.beliefs.index, columns=list(columns))
 
 
+def moves_little(beliefs: pd.DataFrame) -> bool:
+    """Return whether beliefs (T,X) hardly vary."""
+    return _spread(beliefs.to_numpy()) < tolerances.BELIEF_MOVES
+
+
+def _spread(rows: Array) -> float:
+    """Return the root mean square distance of beliefs (T,X) from their mean."""
+    return float(np.sqrt(((rows - rows.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
 def resting_beliefs(beliefs: pd.DataFrame) -> list[str]:
     """Return a warning if beliefs (T,X) hardly vary, or the probabilities of some regimes do not; otherwise none."""
     rows = beliefs.to_numpy()
-    spread = float(np.sqrt(((rows - rows.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    if spread < tolerances.BELIEF_MOVES:
+    spread = _spread(rows)
+    if moves_little(beliefs):
         middle = ", ".join(
             f"{name} {value:.3f}" for name, value in zip(beliefs.columns, rows.mean(axis=0), strict=True)
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -68,16 +69,17 @@ def timing_of(result: Backtest) -> str:
 
 
 def text_of(result: Backtest) -> str:
-    """Return the table as text for a terminal, with its header and notes."""
+    """Return what a terminal shows: the table with its header, the verdict with its cautions, the basis of both, and notes."""
     width = max(len(row.label) for row in _rows(result))
     lines = [timing_of(result), "", " " * width + "".join(f"{name:>10}" for name in result.names)]
     for label, *cells in written_table(result):
         lines.append(f"{label:<{width}}" + "".join(f"{cell:>10}" for cell in cells))
-    return "\n".join([*lines, "", *notes_of(result), *cautions(result)])
+    told = [*verdict(result), *warnings_of(result), *cautions(result)]
+    return "\n".join([*lines, "", *told, "", *limits(result), "", *notes_of(result)])
 
 
 def warnings_of(result: Backtest) -> list[str]:
-    """Return warnings before the verdict: doubts about the figures, and suspicious returns."""
+    """Return warnings beside the verdict: doubts about the figures, and suspicious returns."""
     doubts = [f"Doubtful: {each}." for each in result.doubts]
     return [*doubts, *(f"Suspicious returns: {each}." for each in result.market.suspicious)]
 
@@ -387,6 +389,41 @@ def write_backtest(result: Backtest, folder: str | os.PathLike[str], *, month: s
     written += draw_backtest(result, target, month=month)
     write_json(summary_data(result), target / "summary.json")
     return [*written, target / "summary.json"]
+
+
+_HELD = {
+    "weights": "published weights",
+    "estimates": "what the naive observer reads from them",
+    "aware": "what the aware observer reads from each decision alone",
+    "followed": "what the aware observer reads from all decisions so far",
+    "path": "regret, privacy and return of each decision",
+    "table": "the table above",
+    "beliefs": "the investor's beliefs",
+    "figures": "figures, as PNG and SVG",
+    "summary": "figures, verdict and notes as data",
+    "report": "all of this as one page",
+    "model": "the model, for other commands",
+    "files": "the list of these files",
+}
+"""What the files hold, by the first word of their names."""
+
+
+def files_told(paths: Iterable[Path]) -> list[str]:
+    """Return a line for each family of files, such as all that hold published weights, with what it holds."""
+    families: dict[str, list[Path]] = {}
+    for path in paths:
+        family = "figures" if path.suffix in (".png", ".svg") else path.stem.partition("_")[0]
+        families.setdefault(family, []).append(path)
+    shown = {family: _family(family, found) for family, found in families.items()}
+    width = max(map(len, shown.values()), default=0)
+    return [f"{text:<{width}}  {_HELD.get(family, '')}".rstrip() for family, text in shown.items()]
+
+
+def _family(family: str, paths: Sequence[Path]) -> str:
+    if family == "figures":
+        return ", ".join(dict.fromkeys(path.stem for path in paths))
+    names = [path.stem.partition("_")[2] for path in paths]
+    return paths[0].name if len(paths) == 1 else f"{family}_*{paths[0].suffix} ({', '.join(names)})"
 
 
 def summary_data(result: Backtest) -> dict[str, Any]:

@@ -89,7 +89,7 @@ def draw_hidden(result: Backtest, folder: Path) -> list[Path]:
     names, rows = result.names, np.arange(len(result.names))[::-1]
     kinds = {"face_value": "naive observer, at face value", "followed": "aware, from all weights"}
     namings = {"face_value": "share_regime_named", "followed": "share_regime_named_followed"}
-    with drawing(_HIDDEN_WIDTH, 0.5 * len(names) + 1.5) as (figure, axis):
+    with drawing(_HIDDEN_WIDTH, 0.5 * len(names) + 1.7) as (figure, axis):
         for row, name in zip(rows, names, strict=True):
             for key, (size, fill, lift) in zip(kinds, ((8, "none", _LIFT), (6, "full", -_LIFT)), strict=True):
                 style = {"marker": "o", "markersize": size, "fillstyle": fill, "color": look_of(name).colour}
@@ -99,14 +99,8 @@ def draw_hidden(result: Backtest, folder: Path) -> list[Path]:
                     axis.plot(found.error, row + lift, linestyle="none", clip_on=False, zorder=4, **_NAMED_TOO_OFTEN)
             ceiling = result.figures[name]["error_ceiling"]
             axis.plot(ceiling, row - _LIFT, marker="|", markersize=11, color=BLACK, linestyle="none")
-        axis.axvspan(0.0, asked.least_error, color=_OTHERS, alpha=0.3, linewidth=0)
-        axis.axvline(asked.error_without, color=GREY, linestyle="--", linewidth=0.9)
-        axis.annotate(
-            "error too small to hide", (0.02 * asked.least_error, 1.01), xycoords=("data", "axes fraction"), fontsize=7
-        )
-        axis.annotate(
-            "without weights", (asked.error_without, 1.01), xycoords=("data", "axes fraction"), fontsize=7, ha="center"
-        )
+        axis.axvspan(0.0, asked.least_error, color=_OTHERS, alpha=0.3, linewidth=0, label="error too small to hide")
+        axis.axvline(asked.error_without, color=GREY, linestyle="--", linewidth=0.9, label="error without weights")
         for label, look in zip(
             [*kinds.values(), "ceiling of the aware"], (("o", "none"), ("o", "full"), ("|", "full")), strict=True
         ):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest
+from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest, moves_little
 from inscrutable.experiments.backtest_sequential import SHARE_OF_SILENCE
 from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
 from inscrutable.experiments.performance import LEVEL
@@ -16,24 +16,30 @@ from inscrutable.labels import listed
 from inscrutable.reports.names import FULL_NAMES, full_name
 
 _POINTS = 1e4  # basis points of a return
+_FAR_ABOVE = 3.0
+"""The worst decision is told where its regret exceeds the mean by this factor."""
+_NEARLY_ALWAYS = 0.9
+"""A commonest regime that is right in more of the decisions than this leaves few to judge by."""
 
 
 def answer(result: Backtest) -> str:
-    """Return one sentence: which weights hide the belief from whom, and at what price; empty where that is not judged."""
+    """Return one sentence: which weights hide the belief from whom, and at what price, or that there is nothing to hide.
+
+    It is empty where that is not judged.
+    """
     hiding = result.names[1:]
+    nothing = nothing_to_hide(result)
+    if nothing:
+        said = [
+            f"{each.what} to hide from {_observers(whom)}: {each.why}" for each, whom in _by_reason(nothing).items()
+        ]
+        return f"In short: there is {'; there is '.join(said)}{_dearer_than_silence(result)}."
+    figures = result.figures
     if result.aware is None or not hiding:
         return ""
-    asked, figures = _asked(result), result.figures
     if any(np.isnan(figures[name][key]) for name in hiding for key in ("error_face_value", "error_followed")):
         return ""
-    odm = figures[result.names[0]]
-    hidden = [who for who, seen in _SEEN.items() if asked.is_met(seen.reached(result.names[0], odm))]
-    if hidden:
-        whom = f"the {hidden[0]} observer" if len(hidden) == 1 else "both observers"
-        return (
-            f"In short: these {result.market.frequency.word}s do not tell who hides the investor's belief from {whom}: the "
-            f"{FULL_NAMES['ODM']} weights, without protection, pass as well."
-        )
+    asked = _asked(result)
     groups: dict[str, list[str]] = {}
     for name in hiding:
         naive, aware = (asked.is_met(seen.reached(name, figures[name])) for seen in _SEEN.values())
@@ -45,13 +51,93 @@ def answer(result: Backtest) -> str:
     cost = "a cost of "
     for whom in filter(groups.__contains__, _WHOM.values()):
         names = groups[whom]
-        prices = listed([_basis_points(figures[name]["mean_regret"]) for name in names])
+        prices = listed(
+            [_basis_points(figures[name]["mean_regret"]) + _bracketed(_worst(result, name)) for name in names]
+        )
         verb = f"hide the investor's belief over {len(result.regimes)} market regimes" if not parts else "hide it"
         parts.append(
             f"{listed([full_name(name) for name in names])} weights {verb} from {whom}, at {cost}{prices}{unit}"
         )
         unit = cost = ""
-    return f"In short: {'; '.join(parts)}."
+    if _few_others(result):
+        parts.append(_few_others(result))
+    return f"In short: {'; '.join(parts)}{_dearer_than_silence(result)}."
+
+
+class _Nothing(NamedTuple):
+    """What is not there to hide, and why."""
+
+    what: str
+    why: str
+
+
+def nothing_to_hide(result: Backtest) -> dict[str, _Nothing]:
+    """Return the reasons by observer from whom there is nothing to hide; empty where the optimal weights reveal the belief.
+
+    The optimal weights, without protection, then leave an observer no more than is known without them: the belief rests, the
+    commonest regime is right as often as the observer, or these weights count as hidden themselves.
+    """
+    own, word = result.figures[result.names[0]], result.market.frequency.word
+    seen = {who: each for who, each in _SEEN.items() if who == "naive" or result.aware is not None}
+    if moves_little(result.beliefs):
+        why = f"the belief hardly moves over these {len(result.beliefs)} {word}s, and its mean tells it without any weights"
+        return dict.fromkeys(seen, _Nothing("nothing", why))
+    found, named = {}, 0.0
+    weights = f"the {FULL_NAMES['ODM']} weights, without protection,"
+    for who, keys in seen.items():
+        reached, without = keys.reached(result.names[0], own), own["error_without"]
+        # What the naive observer reads, the weights reveal to the aware one, too; NaN, where it reads none, is no reason.
+        named = float(np.maximum(named, reached.named))
+        if result.aware is not None and _asked(result).is_met(reached):
+            found[who] = _Nothing("nothing", f"{weights} pass for hidden as well")
+        elif named <= own["base_rate"]:
+            why = (
+                f"{weights} reveal no likeliest regime that the commonest one does not (named in {reached.named:.0%} of "
+                f"{len(result.beliefs)} {word}s, the commonest alone is right in {own['base_rate']:.0%})"
+            )
+            if reached.error < without:
+                why += f", only how likely it is (error {reached.error:.2f}, without weights {without:.2f})"
+            found[who] = _Nothing("no regime", why)
+    return found
+
+
+def _by_reason(nothing: Mapping[str, _Nothing]) -> dict[_Nothing, tuple[str, ...]]:
+    """Return the observers by reason; both under the naive observer's where the reasons differ in figures alone."""
+    observers, reasons = tuple(nothing), list(nothing.values())
+    if len({each.why.partition(" (")[0] for each in reasons}) == 1:
+        return {reasons[0]: observers}
+    return {each: (who,) for who, each in nothing.items()}
+
+
+def _observers(whom: tuple[str, ...]) -> str:
+    return "either observer" if len(whom) > 1 else f"the {whom[0]} observer"
+
+
+def _dearer_than_silence(result: Backtest) -> str:
+    """Return a clause on the rules that cost at least as much as a constant portfolio known beforehand; empty without any."""
+    silence = result.known_silence_regret
+    spent = {name: result.figures[name]["mean_regret"] for name in result.names[1:]}
+    dear = [full_name(name) for name, regret in spent.items() if regret > 0.0 and regret >= silence]
+    if not dear:
+        return ""
+    return (
+        f"; {listed(dear)} weights cost at least as much as silence, a constant portfolio known beforehand, which reveals "
+        f"nothing, at {_basis_points(silence)}: rather than use them, it is cheaper not to act on the belief at all"
+    )
+
+
+def _bracketed(text: str) -> str:
+    return f" ({text})" if text else ""
+
+
+def _worst(result: Backtest, name: str) -> str:
+    """Return the largest regret of one decision where it is far above the mean; otherwise nothing."""
+    regret, word = result.episode.records[name].decisions.regret, result.market.frequency.word
+    if not regret.max() > _FAR_ABOVE * regret.mean() > 0.0:
+        return ""
+    date = result.dates[int(regret.argmax())]
+    when = f"{date:%Y-%m}" if word == "month" else f"{date:%Y-%m-%d}"
+    return f"{_basis_points(float(regret.max()))} in the worst {word}, {when}"
 
 
 def _worth(result: Backtest) -> float:
@@ -89,7 +175,8 @@ def verdict(result: Backtest) -> list[str]:
     figures, word = result.figures, result.market.frequency.word
     odm, *hiding = result.names
     own = figures[odm]
-    lines = list(filter(None, [answer(result), _holds(result), _silence(result)]))
+    first, nothing = answer(result), nothing_to_hide(result)
+    lines = list(filter(None, [first, _holds(result), _silence(result)]))
     lines.append(
         f"Without protection: from the {FULL_NAMES['ODM']} weights, an observer names the investor's likeliest regime in "
         f"{_share(own['share_regime_named'])} of {len(result.beliefs)} {word}s; always naming the commonest is right in "
@@ -108,23 +195,18 @@ def verdict(result: Backtest) -> list[str]:
         }
         for who, seen in _SEEN.items():
             reached = [seen.reached(full_name(name), figures[name]) for name in hiding]
-            unprotected = seen.reached(full_name(odm), own)
-            lines.append(f"Hidden from the {described[who]}: {asked.judge(reached, unprotected)}.")
-    return [*lines, _price(result, hiding)]
+            told = asked.judge(reached)
+            if who in nothing:
+                told = f"cannot be judged, as there is {nothing[who].what} to hide"
+            lines.append(f"Hidden from the {described[who]}: {told}.")
+    return [*lines, _price(result, hiding, worst=not first or bool(nothing))]
 
 
 def limits(result: Backtest) -> list[str]:
     """Return the basis of the verdict, one line each: the meaning of "hidden", names and budgets, and ceilings."""
     names = "; ".join(f"{name}: {FULL_NAMES[name]}" for name in result.names if name in FULL_NAMES)
-    budget = f"{'budget of ' if result.budget.is_relative else ''}{result.budget}"
-    word = result.market.frequency.word
-    means = [f"PDM: in the mean of its two outcomes, each {word}"] if "PDM" in result.names else []
-    if result.sequential is not None:
-        own = f"{SHARE_OF_SILENCE:.0%} of the silence regret, " if result.settings.budget is None else ""
-        means.append(f"{SEQUENTIAL}: {own}in the mean of the long run of the fitted regimes, more in single {word}s")
-    budget += f" ({'; '.join(means)})" if means else ""
     hiding = result.names[1:]
-    said = [f"{names}; each hides within a {budget}."] if hiding else [f"{names}."]
+    said = [f"{names}; {_budgets(result, hiding)}."] if hiding else [f"{names}."]
     if hiding:
         sharpe = listed([f"{_change(result.figures[name])} ({name})" for name in hiding])
         said.append(
@@ -134,8 +216,32 @@ def limits(result: Backtest) -> list[str]:
     if result.aware is None or len(result.names) == 1:
         return said
     asked = _asked(result)
-    meaning = asked.meaning(without="weights", state="regime", cases=f"{word}s")
+    meaning = asked.meaning(without="weights", state="regime", cases=f"{result.market.frequency.word}s")
     return [meaning, *said, *_ceilings(result)]
+
+
+def _budgets(result: Backtest, hiding: Sequence[str]) -> str:
+    """Return what each rule may spend, in which mean, and what it spent."""
+    word, part = result.market.frequency.word, result.sequential
+    bounded = f"{'budget of ' if result.budget.is_relative else ''}{result.budget}"
+    mean = f"PDM: in the mean of its two outcomes, each {word}"
+    long_run = f"in expectation over the long run of the fitted regimes, by the model, more in single {word}s"
+    if part is None:
+        within = f"each stays within a {bounded} ({mean})"
+    elif result.settings.budget is not None:
+        within = f"each stays within a {bounded} ({mean}; {SEQUENTIAL}: {long_run})"
+    else:
+        within = (
+            f"CDM and PDM stay within a {bounded} ({mean}), {SEQUENTIAL} within {SHARE_OF_SILENCE:.0%} of the silence regret, "
+            f"{_basis_points(part.maker.limit)} basis points a {word}, {long_run}"
+        )
+    shares = {name: result.figures[name]["mean_regret_share"] for name in hiding}
+    if result.budget.is_relative and np.isfinite(list(shares.values())).all():
+        spent, unit = [f"{share:.1%} ({name})" for name, share in shares.items()], "of |c*|"
+    else:
+        spent = [f"{_basis_points(result.figures[name]['mean_regret'])} ({name})" for name in hiding]
+        unit = f"basis points a {word}"
+    return f"{within}; realised: {listed(spent)} {unit}"
 
 
 def _asked(result: Backtest) -> Requirement:
@@ -143,10 +249,12 @@ def _asked(result: Backtest) -> Requirement:
     return Requirement(own["error_without"], own["base_rate"])
 
 
-def _price(result: Backtest, hiding: Sequence[str]) -> str:
+def _price(result: Backtest, hiding: Sequence[str], *, worst: bool) -> str:
+    """Return the price of every rule; `worst`: with the worst decision, where the answer does not say it."""
     figures = result.figures
     shares = [figures[name]["mean_regret_share"] for name in hiding]
-    points = [f"{_basis_points(figures[name]['mean_regret'])} ({full_name(name)})" for name in hiding]
+    who = {name: "; ".join(filter(None, [full_name(name), _worst(result, name) if worst else ""])) for name in hiding}
+    points = [f"{_basis_points(figures[name]['mean_regret'])} ({who[name]})" for name in hiding]
     word = result.market.frequency.word
     price = f"Price: a regret of {listed(points)} basis points a {word} by the investor's own belief"
     if not np.isfinite(shares).all():
@@ -157,8 +265,13 @@ def _price(result: Backtest, hiding: Sequence[str]) -> str:
 
 
 def _basis_points(value: float) -> str:
-    """Return a return in basis points with two significant digits, without an exponent."""
-    return f"{float(f'{_POINTS * value:.2g}'):g}"
+    """Return a return in basis points with two significant digits, without an exponent; rounding errors are 0."""
+    return _points(value, 2)
+
+
+def _points(value: float, digits: int) -> str:
+    points = float(f"{_POINTS * value:.6f}")
+    return f"{float(f'{points:.{digits}g}') + 0.0:g}"
 
 
 def _holds(result: Backtest) -> str:
@@ -197,7 +310,7 @@ def _other_draws(result: Backtest) -> list[str]:
     if result.aware is None or result.sequential is None or not result.sequential.others:
         return []
     asked, beliefs, others = _asked(result), result.beliefs.to_numpy(), result.sequential.others
-    if asked.is_met(_SEEN["aware"].reached("ODM", result.figures[result.names[0]])):
+    if "aware" in nothing_to_hide(result):
         return []
     held = sum(asked.is_met(Reached(SEQUENTIAL, *estimate_quality(each, beliefs))) for each in others)
     if held == len(others):
@@ -209,11 +322,18 @@ def _other_draws(result: Backtest) -> list[str]:
 
 
 def cautions(result: Backtest) -> list[str]:
-    """Return cautions on the verdict: hiding that is weak."""
+    """Return cautions on the verdict: nothing to hide, few decisions to judge by, and hiding that is weak."""
     figures = result.figures
     odm, *hiding = result.names
     optimal = figures[odm]["share_regime_named"]
-    said = []
+    said, nothing = [], nothing_to_hide(result)
+    if nothing and hiding:
+        said += [
+            f"The verdict judges no rule against {_observers(whom)}: there is {each.what} to hide."
+            for each, whom in _by_reason(nothing).items()
+        ]
+    if hiding and _few_others(result) and len(nothing) < len(_SEEN):
+        said.append(f"Few {result.market.frequency.word}s tell whether the regime is hidden: {_few_others(result)}.")
     for name in hiding:
         named = figures[name]["share_regime_named"]
         if len(result.regimes) == 2 and named < 0.5 * figures[odm]["base_rate"]:
@@ -223,6 +343,16 @@ def cautions(result: Backtest) -> list[str]:
                 f"{name}: the likeliest regime is hardly hidden: named in {_share(named)} instead of {_share(optimal)}."
             )
     return said
+
+
+def _few_others(result: Backtest) -> str:
+    """Return a clause on a commonest regime that is nearly always right; empty for any other."""
+    rate, cases, word = result.figures[result.names[0]]["base_rate"], len(result.beliefs), result.market.frequency.word
+    if not _NEARLY_ALWAYS < rate < 1.0:
+        return ""
+    return (
+        f"in only {cases - round(rate * cases)} of {cases} {word}s the likeliest regime is another than the commonest"
+    )
 
 
 def _silence(result: Backtest) -> str:
@@ -235,12 +365,12 @@ def _silence(result: Backtest) -> str:
     if worth > 0.0:
         beforehand = (
             " Known beforehand is the best one for the long-run mean of the belief; it would have cost "
-            f"{_POINTS * worth:.3g}."
+            f"{_points(worth, 3)}."
         )
     return (
         "In hindsight silence would have been cheaper: the best constant portfolio for these beliefs reveals nothing and would "
-        f"have cost {_POINTS * result.silence_regret:.3g} basis points a {result.market.frequency.word} instead of "
-        f"{listed([f'{_POINTS * each:.3g} ({full_name(name)})' for name, each in dearer.items()])}.{beforehand}"
+        f"have cost {_points(result.silence_regret, 3)} basis points a {result.market.frequency.word} instead of "
+        f"{listed([f'{_points(each, 3)} ({full_name(name)})' for name, each in dearer.items()])}.{beforehand}"
     )
 
 

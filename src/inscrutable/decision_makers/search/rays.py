@@ -142,11 +142,8 @@ class Rays(NamedTuple):
     values: Array  # (n,)
 
 
-def best_on_rays(goal: Goal, directions: Array, accuracy: float = tolerances.BUDGET_SAFETY) -> Rays:
-    """Return the best affordable point of each ray π + t d, for directions (n,X) that keep the sum.
-
-    `accuracy` is the share of the root of the budget that may stay unspent.
-    """
+def best_on_rays(goal: Goal, directions: Array) -> Rays:
+    """Return the best affordable point of each ray π + t d, for directions (n,X) that keep the sum."""
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = np.where(directions < 0, goal.belief / -directions, np.inf).min(axis=1)
@@ -155,6 +152,6 @@ def best_on_rays(goal: Goal, directions: Array, accuracy: float = tolerances.BUD
         reach = np.clip(nearest, 0.0, reach)
     ends = goal.belief + reach[:, None] * directions
     allowed = replace(goal, limit=goal.limit * (1.0 - tolerances.BUDGET_SAFETY))
-    shares, actions = allowed.along_rays(goal.problem.solve_points(goal.belief), ends, accuracy)
+    shares, actions = allowed.along_rays(goal.problem.solve_points(goal.belief), ends, tolerances.BUDGET_SAFETY)
     decoys = goal.belief + shares[:, None] * (ends - goal.belief)
     return Rays(decoys, actions, goal.reference.sign * np.linalg.norm(decoys - goal.reference.point, axis=1))

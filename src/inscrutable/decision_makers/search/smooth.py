@@ -23,11 +23,11 @@ from inscrutable.decision_makers.search.rays import Goal, Rays, best_on_rays, fa
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.validation import Array
 
-_POINTS = 7
-_ROUNDS = 10
-_FIRST_SPREAD = 0.5
-_SHRINK = 0.4
-_ROUGH = 0.01
+_POINTS, _ROUNDS = 7, 10  # of the pattern search over directions
+_FIRST_SPREAD, _SHRINK = 0.5, 0.4
+"""Of 24 growth decisions one loses .03 % with 4 points, seven up to 1.6 % with 6 rounds; three .1 % with a first spread of 1 and
+six .3 % with a factor of .6, where directions are not close enough in the end. With twice the points or 16 rounds two gain
+.02 %, in 1.1 and 1.2 times the time; .25 and .2 lose .03 %."""
 
 
 class _Climb:
@@ -62,22 +62,21 @@ def climb_on_rays(goal: Goal, tight: Sequence[np.ndarray], decoys: Sequence[Arra
     climbs = [_Climb(goal, *start, basis) for start in zip(tight, decoys, strict=True)]
     spread, size = _FIRST_SPREAD, basis.shape[1]
     for _ in range(_ROUNDS if size > 1 else 1):
-        # The gain left in the direction is of the order of spread²: lengths need no more accuracy.
-        _turn(goal, climbs, basis, spread, max(_ROUGH * spread**2, tolerances.BUDGET_SAFETY))
+        _turn(goal, climbs, basis, spread)
         spread *= _SHRINK if size == 2 else np.sqrt(_SHRINK)
     for climb in climbs:
         climb.is_open &= climb.value > -np.inf
-    _turn(goal, climbs, basis, 0.0, tolerances.BUDGET_SAFETY)
+    _turn(goal, climbs, basis, 0.0)
     return [climb.action if climb.is_open else None for climb in climbs]
 
 
-def _turn(goal: Goal, climbs: list[_Climb], basis: Array, spread: float, accuracy: float) -> None:
+def _turn(goal: Goal, climbs: list[_Climb], basis: Array, spread: float) -> None:
     """Try directions around the best of each climb, or these again where the spread is zero."""
     under_way = [climb for climb in climbs if climb.is_open]
     if not under_way:
         return
     turned = [climb.turned(spread) if spread else climb.direction[None] for climb in under_way]
-    trial = best_on_rays(goal, np.vstack(turned) @ basis.T, accuracy)
+    trial = best_on_rays(goal, np.vstack(turned) @ basis.T)
     ends = np.cumsum([0, *map(len, turned)])
     for number, climb in enumerate(under_way):
         rows = slice(ends[number], ends[number + 1])
@@ -102,11 +101,13 @@ def _turns(direction: Array, rng: np.random.Generator) -> Array:
     return np.vstack([np.zeros(size), steps])
 
 
-_FACES = 10
-_STARTS_A_FACE = 3
-_STARTS_APART = 0.1
-_ZOOM_POINTS = 41
-_ZOOM_ROUNDS = 7
+_FACES, _STARTS_A_FACE = 10, 6
+"""Of 24 growth decisions three lose .3 % with 3 faces, none gains with 30; two lose 1.4 % with 3 starts a face, in 4/5 of the
+time, six with one."""
+_STARTS_APART = 0.1  # of the extent of all decoys; with 0 and .3 one of 24 growth decisions loses .1 %
+_ZOOM_POINTS, _ZOOM_ROUNDS = 41, 7
+"""With 15 points four of 24 growth decisions lose .3 %, with 81 two gain .2 % in 1.2 times the time; with 4 rounds one loses
+3e-5, with 12 none gains."""
 
 
 class Trial(NamedTuple):

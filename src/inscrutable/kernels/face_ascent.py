@@ -27,8 +27,10 @@ _NONE = integer(0)
 _WITNESS = 1e-2
 """Curvature of the member's coordinates, as a share of the decision's. Of 840 decisions and lotteries where states outnumber
 actions, .001 loses in 13, up to 25 %; with .1 seven gain, 4 % at most, and three lose .02 %."""
+_LEAST_WITNESS = 1e-12  # of that curvature, where the decision has none: the model stays positive definite
 _ACROSS = 3.0
 """Curvature across rows that held, over the largest of the rest; with 1 or 10, some ten of these 840 differ to either side."""
+_LEAST_SQUARE = 1e-8  # of a unit row's part along the decision; below it the row is one of the member alone
 _GROWTH = 2.0
 """Factor of the shift that makes the model convex; with 4 or 10, some eight of these 840 differ to either side."""
 _TRIALS = 60  # of an ascent; over six states and four assets one takes 14 on average
@@ -212,7 +214,7 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, place: Any, active: Any
             hessian[a, b] += bending * bend[a, b]
             size = max(size, abs(hessian[a, b]))
     for c in range(k, slope.size):
-        hessian[c, c] = max(_WITNESS * size, 1e-12)
+        hessian[c, c] = max(_WITNESS * size, _LEAST_WITNESS)
     return float(weight)
 
 
@@ -236,7 +238,7 @@ def _bend_rows(rows: Any, basis: Any, top: float, weights: Any, lines: Any, hess
         square = 0.0
         for a in range(k):
             square += units[r, a] * units[r, a]
-        across = _ACROSS * top / max(square, 1e-8)
+        across = _ACROSS * top / max(square, _LEAST_SQUARE)
         for a in range(k + n):
             for b in range(k + n):
                 hessian[a, b] += across * units[r, a] * units[r, b]

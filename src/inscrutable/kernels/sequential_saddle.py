@@ -35,6 +35,7 @@ _FULL_STEPS = 2  # taken at the end, where rounding hides the gain
 _REFRESHED = integer(3)  # Newton steps of the estimate after a decision of probability 0
 _ARMIJO, _CUT, _SHORTEST = 1e-4, 0.3, 1e-9
 _RIDGE, _STEEPER, _TRIES = 1e-14, 100.0, 12  # share of a diagonal added to it, and how much more each time
+_FINER = 1e-3  # share of a residual that counts as rounding, and of a gain that counts as none
 _NONE = integer(0)
 _STEEPEST = 700.0  # e^-700 has full precision, and thousands of e^700 add up to a number
 _TURN, _HIGH, _LOW = (
@@ -262,7 +263,7 @@ def _best_law(weights: Any, point: Point) -> float:
             for m in range(n):
                 trial[m] = found[m] if length == 1.0 else law[m] + length * (found[m] - law[m])
             ahead = _law_value(weights, point.powers, trial, point.held)
-            if ahead >= value + _ARMIJO * length * slope - _RESIDUAL * 1e-3 * abs(value):
+            if ahead >= value + _ARMIJO * length * slope - _FINER * _RESIDUAL * abs(value):
                 break
             length *= _CUT
         if length <= _SHORTEST:
@@ -380,7 +381,7 @@ def least_gain(logs: Any, data: StepData, price: float, m: int, estimate: Any, m
         solve_factored(factor, d, step)
         for i in range(d):
             fall += slope[i] * step[i]
-        if fall <= _SOLVED * max(min(gain, 1.0), 1e-3 * _SOLVED):
+        if fall <= _SOLVED * max(min(gain, 1.0), _FINER * _SOLVED):
             return gain
         step *= -1.0
         length, reached = longest(data, estimate, step), np.inf

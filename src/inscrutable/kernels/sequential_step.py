@@ -28,6 +28,7 @@ from inscrutable.kernels.sequential_saddle import (
 
 _KEPT, _SOLVED, _RARELY = tolerances.KEPT_DECISION, tolerances.SOLVED_STEP, tolerances.RETURNING_LAW
 _RESIDUAL, _BACK = tolerances.LAW_RESIDUAL, tolerances.RETURNING_LAW
+_NEW = tolerances.NEW_DECISION
 _ROUNDS, _PRICING_STEPS = 60, integer(30)  # three to six, and three are usual
 _MOST_ADDED = 3  # decisions that enter at once; a fourth one costs more in Newton's steps than it saves in rounds
 _APART = 0.01  # share of the law's variance by which the estimates of decisions that enter at once must differ
@@ -182,7 +183,7 @@ def _joined(columns: Any, point: Point, added: Any, gains: Any, estimates: Any) 
         longer.estimates[k] = point.estimates[kept[k]]
     for k in range(added.size):
         m, place = added[k], kept.size + k
-        both[place], longer.law[place] = m, max(1e-3 * np.exp(-max(gains[m], 0.0)), _BACK)
+        both[place], longer.law[place] = m, max(_NEW * np.exp(-max(gains[m], 0.0)), _BACK)
         longer.estimates[place] = estimates[m]
     return both, longer
 

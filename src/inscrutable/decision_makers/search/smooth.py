@@ -25,8 +25,8 @@ from inscrutable.validation import Array
 
 _POINTS, _ROUNDS = 7, 10  # of the pattern search over directions
 _FIRST_SPREAD, _SHRINK = 0.5, 0.4
-"""Of 24 growth decisions one loses .03 % with 4 points, seven up to 1.6 % with 6 rounds; three .1 % with a first spread of 1 and
-six .3 % with a factor of .6, where directions are not close enough in the end. With twice the points or 16 rounds two gain
+"""Of 24 growth decisions one loses .03 % with 4 points, seven up to 1.6 % with 6 rounds; three .1 % with a first spread of 1
+and six .3 % with a factor of .6, where directions are not close enough in the end. With twice the points or 16 rounds two gain
 .02 %, in 1.1 and 1.2 times the time; .25 and .2 lose .03 %."""
 
 

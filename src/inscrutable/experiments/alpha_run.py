@@ -148,7 +148,7 @@ def _risk(sample: ReturnsSample, given: str | None) -> pd.DataFrame:
     if len(table) < least:
         raise InputError(
             f"the training sample has {len(table)} rows; a {rule.name} covariance of {table.shape[1]} assets needs at least "
-            f"{least}: move train_until"
+            f"{least}: move train_until (--train-until)"
         )
     spread = (table - table.mean()).to_numpy()
     scale = spread.std(axis=0) if rule.shrinks else np.ones(len(spread.T))

@@ -181,8 +181,8 @@ def checked_market(returns: pd.DataFrame, settings: BacktestSettings, riskless: 
     if is_fitted and n_training < least:
         raise InputError(
             f"the training sample has {n_training} rows ({_span(pd.DatetimeIndex(sample.training.index))}); {settings.regimes} "
-            f"regimes of {n_assets} assets need at least {least} for {rule.name} covariances: move train_until, or use fewer "
-            "regimes or assets"
+            f"regimes of {n_assets} assets need at least {least} for {rule.name} covariances: move "
+            "train_until (--train-until), or use fewer regimes or assets"
         )
     return sample
 

@@ -364,7 +364,7 @@ def _silence(result: Backtest) -> str:
     worth, beforehand = _worth(result), ""
     if worth > 0.0:
         beforehand = (
-            " Known beforehand is the best one for the long-run mean of the belief; it would have cost "
+            " The best one known beforehand, that for the long-run mean of the belief, would have cost "
             f"{_points(worth, 3)}."
         )
     return (

@@ -280,7 +280,7 @@ VERBS = {
     "weights before a sequence": (
         "protect --model M --belief 0.5,0.5 --state s.json --turnover 0.1 --previous W",
         2,
-        "--state takes --belief",
+        "--previous does not go with --state",
     ),
     "a budget in words": ("protect --model M --belief 0.5,0.5 --budget lots", 2, "expected a share of |c*|"),
     "a budget below nothing": ("protect --model M --belief 0.5,0.5 --budget -0.1", 3, "must be at least 0"),

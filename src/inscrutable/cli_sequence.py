@@ -19,7 +19,8 @@ def belief_now(belief: str | None, returns: Path | None, refused: dict[str, Any]
     given = [name for name, option in refused.items() if option is not None]
     if given:
         raise UsageError(
-            f"{given[0]} does not go with --state, which protects one belief after another, by error alone"
+            f"{given[0]} does not go with --state, which takes --belief or --returns, --budget, --publish and --seed; its file "
+            "has the decisions so far"
         )
     if (belief is None) == (returns is None):
         raise UsageError("--state needs your belief: one of --belief and --returns")

@@ -99,10 +99,12 @@ def draw_hidden(result: Backtest, folder: Path) -> list[Path]:
                     axis.plot(found.error, row + lift, linestyle="none", clip_on=False, zorder=4, **_NAMED_TOO_OFTEN)
             ceiling = result.figures[name]["error_ceiling"]
             axis.plot(ceiling, row - _LIFT, marker="|", markersize=11, color=BLACK, linestyle="none")
-        axis.axvspan(0.0, asked.least_error, color=_OTHERS, alpha=0.3, linewidth=0, label="error too small to hide")
+        axis.axvspan(0.0, asked.least_error, color=_OTHERS, alpha=0.3, linewidth=0, label="error too small: not hidden")
         axis.axvline(asked.error_without, color=GREY, linestyle="--", linewidth=0.9, label="error without weights")
         for label, look in zip(
-            [*kinds.values(), "ceiling of the aware"], (("o", "none"), ("o", "full"), ("|", "full")), strict=True
+            [*kinds.values(), "ceiling of the aware observer"],
+            (("o", "none"), ("o", "full"), ("|", "full")),
+            strict=True,
         ):
             axis.plot([], [], linestyle="none", color=BLACK, marker=look[0], fillstyle=look[1], label=label)
         axis.plot([], [], linestyle="none", label=f"regime named in over {asked.most_named:.0%}", **_NAMED_TOO_OFTEN)

@@ -30,7 +30,7 @@ def without_rival(law, regrets):
     """The most of −s E ρ − I, by the fixed points of Blahut and Arimoto."""
     weights = np.exp(-PRICE * regrets)
     shares = np.full(regrets.shape[1], 1.0 / regrets.shape[1])
-    for _ in range(20_000):
+    for _ in range(100_000):
         shares = shares * ((law / (weights @ shares)) @ weights)
     return float(law @ np.log(weights @ shares))
 

@@ -22,9 +22,11 @@ def belief_now(belief: str | None, returns: Path | None, refused: dict[str, Any]
             f"{given[0]} does not go with --state, which takes --belief or --returns, --budget, --publish and --seed; its file "
             "has the decisions so far"
         )
-    if (belief is None) == (returns is None):
-        raise UsageError("--state needs your belief: one of --belief and --returns")
-    return belief_of(belief, "--belief") if returns is None and belief is not None else Path(str(returns))
+    if belief is not None and returns is None:
+        return belief_of(belief, "--belief")
+    if returns is not None and belief is None:
+        return returns
+    raise UsageError("--state needs your belief: one of --belief and --returns")
 
 
 def belief_after(returns: Path, investor: InvestorModel, speech: Speech) -> Array:

@@ -111,8 +111,9 @@ def _mixed_answers(stakes: Stakes, some: Array, paid: Array, near: float) -> tup
     """Stakes, the mixed answers `some` (n,d) in their coordinates, and those to every decision (M,d) of the largest least
     reduced cost.
 
-    Where no mixture of some answers and pure ones makes it positive, all are mixed. A rival with infinitely many answers adds
-    the best ones to the beliefs whose reduced cost is negative, until none is below −`near`.
+    Where one of these and of the pure answers leaves no belief a negative reduced cost, it is taken; else they are mixed by a
+    linear programme. A rival with infinitely many answers then adds its best ones to the beliefs that are still tempted by
+    more than `near`, until there are none.
     """
     for _ in range(_MOST_ROUNDS):
         pool = np.unique(np.vstack([some, stakes.pure]), axis=0)

@@ -131,7 +131,7 @@ def dual_bound(theta: Array, prior: Array, weights: Array, limit: float) -> floa
     return min(minimize_scalar(bound, bounds=(end, end + 2.0), method="bounded", options=options).fun for end in ends)
 
 
-@pytest.mark.parametrize("seed", [FRESH_SEED, 3, 327])
+@pytest.mark.parametrize("seed", [pytest.param(FRESH_SEED, id="fresh"), 3, 327])
 def test_the_largest_error_meets_its_dual_bound(seed: int) -> None:
     """In the two kept draws guesses of the multiplier by a slope creep."""
     rng = np.random.default_rng(seed)
@@ -144,7 +144,7 @@ def test_the_largest_error_meets_its_dual_bound(seed: int) -> None:
         assert maker.error == pytest.approx(bound, rel=2e-7), seed
 
 
-@pytest.mark.parametrize("seed", [FRESH_SEED, 23, 248])
+@pytest.mark.parametrize("seed", [pytest.param(FRESH_SEED, id="fresh"), 23, 248])
 def test_ties_of_the_error_go_to_the_least_information(seed: int) -> None:
     """In the two kept draws the costs of directions differ by four and six powers of ten."""
     rng = np.random.default_rng(seed)

@@ -281,9 +281,9 @@ def test_sampled_paths_agree_with_all_of_them(is_public: bool, fresh_rng: np.ran
     n_actions, n_memories = (2, 2) if is_public else (5, 1)
     plays = random_memory(fresh_rng, chain.prior.beliefs, n_actions, n_memories, is_public=is_public)
     exact = path_leakage(chain, plays, n_steps, rng=fresh_rng, n_draws=100_000)
-    # Events of .1 % are in few of 500 paths, which one instance missed by 9 standard errors; with 4,000 none of 120 by 3.9.
-    found = path_leakage(chain, plays, n_steps, rng=fresh_rng, n_draws=4000)
-    assert (exact.n_draws, found.n_draws) == (0, 4000)
+    # Events of .1 % are in few of 500 paths, which one instance missed by 9 standard errors; more at once may be enumerated.
+    runs = [path_leakage(chain, plays, n_steps, rng=fresh_rng, n_draws=500) for _ in range(8)]
+    assert {exact.n_draws} | {run.n_draws for run in runs} == {0, 500}
     for name, error in (
         ("cumulative", "cumulative_se"),
         ("added", "added_se"),
@@ -291,8 +291,9 @@ def test_sampled_paths_agree_with_all_of_them(is_public: bool, fresh_rng: np.ran
         ("state_information", "state_information_se"),
         ("bayes_error", "error_se"),
     ):
-        gap = np.abs(getattr(found, name) - getattr(exact, name))
-        assert (gap <= 4.5 * getattr(found, error) + 1e-9).all(), name
+        gap = np.abs(np.mean([getattr(run, name) for run in runs], axis=0) - getattr(exact, name))
+        spread = np.sqrt(np.mean([getattr(run, error) ** 2 for run in runs], axis=0) / len(runs))
+        assert (gap <= 4.5 * spread + 1e-9).all(), name
 
 
 class Hedging:

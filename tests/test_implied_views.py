@@ -296,13 +296,36 @@ def test_the_search_under_constraints_is_affordable_and_beats_chance(fresh_rng: 
     found = obfuscated_decision(problem, mean, Budget.regret(limit))
     assert found.regret <= limit * (1.0 + 1e-9)
     assert found.privacy == pytest.approx(implied_views(problem, found.weights).distance(mean), abs=1e-7)
+    assert np.linalg.norm(found.decoy - mean) == pytest.approx(found.privacy, abs=1e-9)
+    assert problem.optimum(found.decoy) == pytest.approx(found.weights, abs=1e-7)
     best = 0.0
     for _ in range(60):
         decoy = mean + rng.uniform(0.0, 1.5) * rng.normal(size=4)
         weights = problem.optimum(decoy)
         if problem.regret(mean, weights) <= limit:
             best = max(best, implied_views(problem, weights).distance(mean))
-    assert found.privacy >= 0.95 * best
+    assert found.privacy >= 0.99 * best
+
+
+@pytest.mark.parametrize("limit", [1e-3, 0.02, 0.2])
+def test_the_search_finds_what_a_grid_of_decisions_finds(limit: float, fresh_rng: np.random.Generator) -> None:
+    # Three weights of at least .001 are a triangle; one view explains each, up to a shift of all returns.
+    rng, least, steps = fresh_rng, 0.001, 300
+    factors = rng.normal(size=(3, 3))
+    risk = factors @ factors.T + 0.3 * np.eye(3)
+    region = Polyhedron(-np.eye(3), np.zeros(3), np.ones((1, 3)), [1.0], min_slack=least)
+    problem, mean = AlphaProblem(risk, GAMMA, region), rng.normal(size=3)
+    found = obfuscated_decision(problem, mean, Budget.regret(limit))
+    first, second = np.meshgrid(np.arange(steps + 1), np.arange(steps + 1), indexing="ij")
+    inside = first + second <= steps
+    shares = np.stack([first[inside], second[inside], steps - first[inside] - second[inside]], axis=1) / steps
+    weights = least * 1.01 + (1.0 - 3.0 * least * 1.01) * shares
+    cost = GAMMA * np.einsum("ti,ij,tj->t", weights, risk, weights) - weights @ mean
+    best = problem.optimum(mean)
+    affordable = cost - (GAMMA * best @ risk @ best - mean @ best) <= limit
+    apart = 2.0 * GAMMA * weights @ risk - mean
+    distances = np.linalg.norm(apart - apart.mean(axis=1, keepdims=True), axis=1)
+    assert found.privacy >= 0.999 * distances[affordable].max(initial=0.0)
 
 
 def test_bad_input_is_refused() -> None:

@@ -88,7 +88,8 @@ with drawing(7.0, 2.8, ncols=2, sharey=True) as (figure, axes):
 #
 # The paper's measures apply to implied views as to sets of beliefs. Within a regret r, and without inequalities, the
 # farthest view lies along the riskiest direction, at √(4γ r λ), with λ the largest eigenvalue of V: there an error in expected returns
-# moves weights least. Under limits the search follows rays from m until the budget is spent.
+# moves weights least. Under limits the search follows rays from m until the budget is spent, and keeps weights off their
+# limits by the least slack: a weight at a limit is explained by all views on one side, the true one perhaps among them.
 
 free = AlphaProblem(risk, 4.0)
 for shown, what in ((free, "no limits"), (problem, "long-only, capped")):

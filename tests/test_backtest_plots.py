@@ -150,7 +150,7 @@ def test_frontier_shows_the_decisions_on_the_curves(found: Backtest, kept: list[
     mixed, single = marks["best lottery, in expectation"].get_ydata(), marks["best single decision"].get_ydata()
     assert (mixed >= single - 1e-12).all()
     assert (np.diff(mixed) >= -1e-12).all()
-    assert "% of |c*|" in axis.get_xlabel()
+    assert "% of the optimal cost" in axis.get_xlabel()
     slope = next(line for label, line in marks.items() if label.startswith("slope: "))
     on = np.interp(slope.get_xdata(), marks["best lottery, in expectation"].get_xdata(), mixed)
     assert (slope.get_ydata() >= on - 1e-3).all()  # a tangent of a concave curve lies above it

@@ -195,7 +195,7 @@ def draw_privacy_and_cost(result: Backtest, folder: Path) -> list[Path]:
             middle.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         below.margins(x=0.01)
         above.set_ylabel("privacy Ψ")
-        middle.set_ylabel("regret, % of |c*|")
+        middle.set_ylabel("regret, % of the optimal cost")
         below.set_ylabel("wealth after costs,\nat the start 1")
         if np.divide(*below.get_ylim()[::-1]) > _WIDE or below.get_ylim()[0] <= 0:
             below.set_yscale("log")
@@ -219,7 +219,7 @@ def draw_frontier(result: Backtest, folder: Path, step: int) -> list[Path]:
     regrets = np.linspace(0.0, 1.05 * reach, 1201)
     with drawing(PAGE_WIDTH, 3.0) as (figure, axis):
         single, mixed = (np.asarray(curve(regrets)) for curve in (frontier.deterministic, frontier.randomized))
-        scale, unit = (PERCENT / own, "% of |c*|") if own > 0 else (1.0, "the cost's unit")
+        scale, unit = (PERCENT / own, "% of the optimal cost") if own > 0 else (1.0, "the cost's unit")
         for curve, name, line, label in (
             (single, "CDM", "-", "best single decision"),
             (mixed, "PDM", "--", "best lottery, in expectation"),

@@ -95,7 +95,7 @@ def _lead(result: Backtest) -> PagePicture | None:
 def budget_texts(result: Backtest, amounts: Array) -> list[str]:
     """Return budgets as text, in the unit of the backtest's own."""
     if result.budget.is_relative:
-        return [f"{PERCENT * amount:.3g}% of |c*|" for amount in amounts]
+        return [f"{PERCENT * amount:.3g}% of the optimal cost" for amount in amounts]
     return [f"regret of {amount:.3g}" for amount in amounts]
 
 
@@ -114,7 +114,7 @@ def page_data(sweep: BudgetSweep, played: Mapping[str, list[tuple[PlayedAt, ...]
         "lotteries": [name for name in sweep.names if result.episode.records[name].lotteries is not None],
         "word": result.market.frequency.word,
         "dates": sweep.dates,
-        "unit": "% of |c*|" if relative else "the cost's unit",
+        "unit": "% of the optimal cost" if relative else "the cost's unit",
         "factor": PERCENT if relative else 1.0,
         "amounts": [float(f"{amount:.6g}") for amount in sweep.amounts],
         "own": sweep.own,
@@ -331,7 +331,8 @@ def _figures_over_time(result: Backtest) -> list[PageFigure]:
         figures = result.figures[SEQUENTIAL]
         absent = (
             f" The {FULL_NAMES[SEQUENTIAL]} rule, whose budget holds in the long run, is not drawn: its regret is "
-            f"{figures['mean_regret_share']:.0%} of |c*| on average, at most {figures['largest_regret_share']:.0%} in a {word}."
+            f"{figures['mean_regret_share']:.0%} of the optimal cost on average, at most "
+            f"{figures['largest_regret_share']:.0%} in a {word}."
         )
     return [
         PageFigure(
@@ -394,7 +395,7 @@ def _budget_table(sweep: BudgetSweep, figures: Mapping[str, Mapping[str, Any]], 
     columns = ["Budget"]
     keys = {
         "privacy": "privacy, mean",
-        "regret": "regret, % of |c*|" if result.budget.is_relative else "regret, mean",
+        "regret": "regret, % of the optimal cost" if result.budget.is_relative else "regret, mean",
         "naive": "error, at face value",
         "aware": "error, aware observer",
     }

@@ -84,7 +84,7 @@ def obfuscated_decision(
     Returns:
         `AlphaDecision`; a closed form has two signs, and the one with the smaller positions is returned.
 
-    Cost: one eigenvector; with inequalities some hundred decisions, 3 s for four assets. Source: the paper, Section III-C,
+    Cost: one eigenvector; with inequalities some thousand decisions, half a second for four assets. Source: the paper, Section III-C,
         measure (e), for Gaussian beliefs.
 
     Example:

@@ -223,9 +223,9 @@ def least_costs(risk: Risk, risk_aversion: float, layout: Layout, alphas: Array)
     """Return the minimisers (T,n) of γ u'V u − a'u over a layout for the rows a of `alphas`.
 
     The interior-point method needs an interior and strict convexity; otherwise an active-set method works on the matrix. The
-    latter also takes many rows of few assets: 200 rows of 30 assets in 0.04 s, against 0.6 s by interior point.
+    latter also takes few assets: a row of 4 to 30 in 0.5 ms, against 5 by interior point, with the same weights to 4e-16.
     """
-    if risk.is_definite and (len(alphas) == 1 or risk.n_assets > _MOST_AT_ONCE):
+    if risk.is_definite and risk.n_assets > _MOST_AT_ONCE:
         try:
             programme = RiskProgramme(risk, risk_aversion, layout)
             return np.array([programme.solve(row) for row in alphas])

@@ -27,6 +27,7 @@ from inscrutable import (
     plausibility_gap,
     simplex,
 )
+from oracles.markets import random_market
 from polyhedra import KINDS, random_problem
 from sizes import instances
 from strategies import line_problem
@@ -183,6 +184,18 @@ def test_a_privacy_can_be_asked_for_and_its_price_falls_to_what_the_search_needs
     assert cheapest_privacy(problem, belief, Infeasibility(margin=100.0)).regret == np.inf
     with pytest.raises(InputError, match="privacy must be"):
         cheapest_privacy(problem, belief, privacy="much")
+
+
+@pytest.mark.parametrize("seed", range(instances(6, least=3)))
+def test_no_decision_maker_reaches_the_distance_at_a_hundredth_less_regret(seed):
+    rng = np.random.default_rng([11, seed])
+    n_states = 3 + seed % 3
+    problem = MarkowitzProblem(*random_market(rng, n_states, int(rng.integers(4, 9)), positive_value=True))
+    belief, grid = rng.dirichlet(np.ones(n_states)), decoy_grid(problem, 10)
+    found = cheapest_privacy(problem, belief, privacy=0.2, candidates=grid)
+    assert found.privacy >= 0.2
+    less = Budget.regret(0.99 * found.regret)
+    assert CounterAdversarialDecisionMaker(problem, budget=less, candidates=grid).decide(belief).privacy < 0.2
 
 
 def test_a_local_search_without_a_start_says_so():

@@ -389,3 +389,15 @@ def test_the_command_prints_the_verdict_and_writes(tmp_path: Path, capsys: pytes
     assert cli.main(["audit", *files, "--lags", "soon"]) == 2
     assert "expected whole numbers" in capsys.readouterr().err
     assert cli.main(["audit", *files[:3], str(tmp_path / "none.csv")]) == 3
+
+
+def test_a_secret_that_stands_still_at_the_mean_of_what_was_learned_is_told_by_nothing() -> None:
+    """The guess without decisions then makes no error: no share of it is explained, and none is a number over zero."""
+    secret = np.zeros(100)
+    secret[:10] = np.tile([1.0, -1.0], 5)
+    published = np.random.default_rng(3).normal(size=(100, 2))
+    (found,) = audit_pairs(secret, published, kind="numbers", embargo=0, shifts=19).secrets
+    assert not found.is_found
+    assert found.guess_error == found.explained == 0.0
+    assert all(each.explained == each.error == 0.0 and not each.tells for each in found.sources)
+    assert all(block.explained == 0.0 for block in found.blocks)

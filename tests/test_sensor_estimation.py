@@ -80,6 +80,22 @@ def test_sensors_of_random_models_follow_from_exact_beliefs(fresh_rng: np.random
             assert [named[each] for each in symbols[1:].tolist()] == found.symbols.tolist()
 
 
+def test_the_noise_is_told_from_one_step_more_than_symbols() -> None:
+    """The mean square of the estimates is the variance: every column but the factor is fitted, one step is spare."""
+    rng = np.random.default_rng(20261127)
+    transition, sensor = UNDER_NOISE[3]
+    found = []
+    for _ in range(150):
+        beliefs = [rng.dirichlet(np.full(3, 5.0))]
+        for symbol in (0, 1, 2, 0):
+            moved = (beliefs[-1] @ transition) * sensor[:, symbol]
+            beliefs.append(moved / moved.sum())
+        errors = rng.normal(size=(5, 3))
+        noisy = np.array(beliefs) + 1e-5 * (errors - errors.mean(axis=1, keepdims=True))
+        found.append(estimate_sensor(noisy, transition, n_symbols=3).noise)
+    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(1e-5, rel=0.2)
+
+
 @pytest.mark.parametrize("spread", LIMITS)
 @pytest.mark.parametrize("n_states", UNDER_NOISE)
 def test_noise_leaves_less_error_than_three_times_what_was_published(n_states: int, spread: float) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
+from inscrutable.adversaries import consistent_sets
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_measure
@@ -16,13 +17,12 @@ from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.counter_adversarial import best_decisions
 from inscrutable.decision_makers.frontier import privacy_frontier
 from inscrutable.decision_makers.hiding import Case
-from inscrutable.geometry.crossings import first_met
-from inscrutable.privacy import PrivacyMeasure
-from inscrutable.problems import DecisionProblem, checked_problem
+from inscrutable.decision_makers.indicator_search import central_members, cheapest_keeping_distance
+from inscrutable.geometry.crossings import Bracket, narrowed, side
+from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
+from inscrutable.problems import DecisionProblem, checked_problem, quadratic_problem
 from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
-
-_WAYS = 8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,7 +68,8 @@ def cheapest_privacy(
 ) -> CheapestPrivacy:
     """Return the decision of least regret found with at least a given privacy.
 
-    Formula: min ρ(π,ū) over admissible ū with Ψ(ū) ≥ privacy, searched over the candidates and on the rays to them.
+    Formula: min ρ(π,ū) over admissible ū with Ψ(ū) ≥ privacy, searched over the candidates and on the rays to them; for a
+    distance from the true belief and quadratic costs also by decisions of largest distance at falling budgets.
 
     Args:
         problem: The decision problem.
@@ -124,43 +125,59 @@ class _Search:
             return -np.inf
         return float(self.measure(self.belief, beliefs))
 
-    def reaches(self, action: Array) -> bool:
-        return bool(self.problem.constraints.is_admissible(action)) and self.privacy(action) >= self.least
+    def _reach(self, actions: Array) -> np.ndarray:
+        """Which of decisions (n,U) are admissible and have the privacy."""
+        sets = consistent_sets(self.problem, actions)
+        values = self.measure.values(self.belief, sets)
+        reach = self.problem.constraints.is_admissible(actions) & (values.privacies >= self.least)
+        if not self.measure.judges_empty:
+            reach &= sets.dimension >= 0
+        for n in np.flatnonzero(reach & ~values.exact):
+            reach[n] = self.measure(self.belief, sets[int(n)]) >= self.least
+        return np.asarray(reach)
 
     def best(self) -> tuple[float, Array] | None:
-        """The cheapest decision with the privacy among the candidates and on the rays to the best of them."""
+        """The cheapest decision with the privacy among the candidates, on the rays to those on the frontier, and of a decision
+        maker who seeks the least regret at a distance.
+
+        Rays to the first eight alone cost up to 34 % more in 3 of 40 goals over two to five states.
+        """
         frontier = privacy_frontier(self.problem, self.belief, self.measure, candidates=self.candidates)
-        index = np.flatnonzero(frontier.points[:, 1] >= self.least)
-        numbers = frontier.indices[index]
-        known = numbers < len(self.candidates.actions)
+        known = (frontier.points[:, 1] >= self.least) & (frontier.indices < len(self.candidates.actions))
         if not known.any():
             return None
-        limit = float(frontier.points[index[known][0], 0])
-        found: list[tuple[float, Array]] = []
-        if self.measure.is_indicator:  # the decision maker plays the cheapest that meets the goal
-            case = Case(self.problem, self.candidates, self.measure, Budget.regret(limit), "exclude")
-            action = self.problem.as_points(best_decisions(case, self.belief[None])[0].action)
-            found += [(self._regret(action), action)] if self.reaches(action) else []
-        for number in numbers[known][:_WAYS]:
-            action = np.asarray(self.candidates.actions[int(number)])
-            found.append((self._regret(action), action))
-            found.append(self._before(action))
-        reached = [each for each in found if self.reaches(each[1])]
-        return min(reached, key=lambda each: each[0]) if reached else None
+        ends = self.candidates.actions[frontier.indices[known]]
+        found = [ends, self._on_rays(ends), *self._of_decision_maker(float(frontier.points[known][0, 0]))]
+        actions = np.vstack(found)
+        regrets = self.problem.regret(self.belief, actions)
+        for n in np.argsort(regrets, kind="stable"):
+            if self.problem.constraints.is_admissible(actions[n]) and self.privacy(actions[n]) >= self.least:
+                return float(regrets[n]), actions[n]
+        return None
 
-    def _regret(self, action: Array) -> float:
-        return float(self.problem.regret(self.belief, action))
+    def _of_decision_maker(self, limit: float) -> list[Array]:
+        """What a decision maker plays that meets a goal at least regret, where the privacy is one or a distance."""
+        case = Case(self.problem, self.candidates, self.measure, Budget.regret(limit), "exclude")
+        if self.measure.is_indicator:
+            return [self.problem.as_points(best_decisions(case, self.belief[None])[0].action)]
+        if not isinstance(self.measure, MaximalObfuscation) or quadratic_problem(self.problem) is None:
+            return []
+        found = cheapest_keeping_distance(case, self.belief, best_decisions, limit, self.least)
+        return [] if found is None else [self.problem.as_points(found.action)]
 
-    def _before(self, action: Array) -> tuple[float, Array]:
-        """The first decision on the ray to a belief that explains `action` that reaches the privacy."""
-        beliefs = belief_set_of(self.problem, action)
-        if beliefs.is_empty:
-            return self._regret(action), action
-        target = beliefs.interior_point()
+    def _on_rays(self, ends: Array) -> Array:
+        """The first decisions that reach the privacy on the rays to beliefs that explain `ends` (n,U), all together; what no
+        belief explains has no ray."""
+        targets = central_members(self.problem, ends)
+        targets = targets[np.isfinite(targets).all(axis=1)]
 
-        def trial(share: float) -> Array:
-            return self.problem.solve_points(self.belief + share * (target - self.belief))
+        def decisions(which: np.ndarray, shares: Array) -> Array:
+            return self.problem.solve_points(self.belief + shares[:, None] * (targets[which] - self.belief))
 
-        share = first_met(lambda share: self.reaches(trial(share)))
-        best = trial(share) if share < 1.0 else action
-        return self._regret(best), best
+        ones = np.ones(len(targets))
+        shares = narrowed(
+            lambda which, shares: side(self._reach(decisions(which, shares))),
+            Bracket(ones, 0.0 * ones),
+            Bracket(side(ones > 0.0), side(ones < 0.0)),
+        ).inside
+        return decisions(np.arange(len(targets)), shares)

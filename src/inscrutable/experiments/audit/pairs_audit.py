@@ -272,8 +272,10 @@ def _sources(pairs: PairedRows, target: Target, embargo: int) -> tuple[Telling, 
         run = learn_forward(pairs.features[:, places], target.values, np.zeros(1, dtype=np.intp), embargo, makers)
         n_before = run.bounds[run.judged_from][0] - run.bounds[0][0]
         gains, guess = (each[n_before:] for each in _gains(run, target.values[run.bounds[0][0] :]))
-        share = float(gains.sum() / guess.sum()) if guess.sum() > 0 else 0.0
-        off = gains - share * guess
-        error = float(np.sqrt(design_effect(off) * len(off)) * off.std() / guess.sum()) if guess.sum() > 0 else 0.0
+        share, error, total = 0.0, 0.0, float(guess.sum())
+        if total > 0:  # else the guess makes no error, and there is nothing to explain
+            share = float(gains.sum()) / total
+            off = gains - share * guess
+            error = float(np.sqrt(design_effect(off) * len(off)) * off.std()) / total
         found.append(Telling(kind, name, share, error, bool(share > needed * error)))
     return tuple(found)

@@ -77,7 +77,7 @@ def obfuscated_decision(
     Returns:
         `AlphaDecision`; a closed form has two signs, and the one with the smaller positions is returned.
 
-    Cost: one eigenvector; with inequalities some hundred decisions, 1 s for four assets. Source: the paper, Section III-C,
+    Cost: one eigenvector; with inequalities some thousand decisions, .2 s for four assets. Source: the paper, Section III-C,
         measure (e), for Gaussian beliefs.
 
     Example:

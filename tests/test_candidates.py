@@ -197,6 +197,8 @@ def test_decoys_that_share_a_decision_are_known():
             assert candidates.sets[int(sharing[0])].distance(decoy) <= 1e-9
     np.testing.assert_allclose(candidates.actions[same_as], candidates.actions, rtol=0, atol=1e-11)
     assert f"{len(candidates)} candidates ({len(distinct)} distinct, " in candidates.summary()
+    count = int(candidates.usable.sum())
+    assert f"{count} admissible, {count} of them explained by a belief" in candidates.summary()
 
 
 def test_shared_decisions_are_found_across_joined_candidates():

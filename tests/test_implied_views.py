@@ -30,6 +30,7 @@ from inscrutable import (
     obfuscated_decision,
     simplex,
 )
+from inscrutable.alphas import obfuscation
 from sizes import some
 
 Array = Any
@@ -104,7 +105,9 @@ def test_bounds_and_distances_are_those_of_lifted_programmes(
         other = mean + rng.normal(size=len(mean))
         assert views.distance(other) == pytest.approx(lifted.distance(other), abs=2e-4)
         assert views.contains(mean)
-        assert views.contains(views.nearest(other))
+        nearest = np.asarray(views.nearest(other))
+        assert views.contains(nearest)
+        assert not views.contains(nearest + 0.01 * (other - nearest)) or views.distance(other) < 1e-9
         assert not views.contains(other) or views.distance(other) < 1e-9
 
 
@@ -287,6 +290,17 @@ def test_loadings_hide_where_theta_is_least(fresh_rng: np.random.Generator) -> N
     problem = AlphaProblem(risk_of(fresh_rng), GAMMA, loadings=fresh_rng.normal(size=(N, 3)))
     found = obfuscated_decision(problem, np.zeros(3), Budget.regret(0.01))
     assert found.privacy == pytest.approx(np.sqrt(0.01 / np.linalg.eigvalsh(problem.theta)[0]), rel=1e-10)
+
+
+def test_directions_of_many_assets_are_those_of_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One eigenvector after the other, or all: under constraints the search turns between the same directions."""
+    rng = np.random.default_rng(20261127)
+    problem = AlphaProblem(risk_of(rng, 5), GAMMA, simplex(5) & box(np.zeros(5), np.full(5, 0.6)))
+    mean, budget = rng.normal(size=5), Budget.regret(0.02)
+    few = obfuscated_decision(problem, mean, budget, n_directions=2)
+    monkeypatch.setattr(obfuscation, "_LARGE", 4)
+    many = obfuscated_decision(problem, mean, budget, n_directions=2)
+    assert many.privacy == pytest.approx(few.privacy, rel=1e-6)
 
 
 def test_the_search_under_constraints_is_affordable_and_beats_chance(fresh_rng: np.random.Generator) -> None:

@@ -29,6 +29,7 @@ from inscrutable import (
     with_transaction_costs,
 )
 from inscrutable.problems.magnitudes import MagnitudeRegion
+from inscrutable.problems.segments import MagnitudeLimit
 from inscrutable.testing import check_decision_problem
 from sizes import instances, some
 
@@ -368,3 +369,16 @@ def test_labels_go_with_the_limits():
     )
     assert not told.is_explained
     assert "S0" in str(told)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1e3])
+def test_a_limit_in_another_unit_is_as_far_exceeded(unit):
+    rng = np.random.default_rng(20261127)
+    weights, centers, linear = rng.uniform(0.2, 1.0, (1, 4)), np.zeros((1, 4)), rng.normal(size=4)
+    rows, actions = box([-5.0] * 4, [5.0] * 4), rng.normal(size=(20, 4))
+    one, other = (
+        MagnitudeRegion(rows, [MagnitudeLimit(by * weights, centers, by * 0.5, "held", by * linear)])
+        for by in (1.0, unit)
+    )
+    assert (one.violation(actions) > 0.0).any()
+    np.testing.assert_allclose(other.violation(actions), one.violation(actions), rtol=1e-12, atol=1e-15)

@@ -211,6 +211,23 @@ def test_a_price_is_found_where_regret_falls_steeply(fresh_rng: np.random.Genera
     assert asked.count(max(asked)) <= 3
 
 
+def test_a_regret_that_leaps_past_the_budget_is_met_by_two_prices(fresh_rng: np.random.Generator) -> None:
+    """However short the leap: no single price spends the budget, and the nearest one would leave 7 % of it."""
+    maker = maker_of(fresh_rng)
+
+    def tried(market: Any, prices: Prices, n_steps: int) -> calibration.PriceTrial:
+        regret = market.limit * (1.05 if prices.regret < 50.0 else 0.93)
+        return calibration.PriceTrial(prices.regret, regret, 0.0, 0.1, 0.0, 0.1)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration, "tried", tried)
+        found = calibration.calibrated(maker.table, maker.law, maker.limit, ALONE, fresh_rng)
+    assert found.status is PriceStatus.MIXED_PRICE
+    assert found.regret == pytest.approx(maker.limit, rel=1e-12)
+    low, high = found.regret_prices
+    assert low < 50.0 <= high <= 1.02 * low
+
+
 def test_a_budget_that_a_cap_keeps_from_being_spent_says_so(fresh_rng: np.random.Generator) -> None:
     chain = resting_chain(Prior([[0.9, 0.1], [0.5, 0.5], [0.2, 0.8]], [0.3, 0.4, 0.3]), 0.8)
     maker = SequentialDecisionMaker(

@@ -28,7 +28,6 @@ class Atoms:
         self.regrets = np.append(found.regrets, 0.0)
         self.privacies = np.append(found.privacies, own.privacy)
         self.decoys = [*found.decoys, own.decoy]
-        self.first_price = found.price
         self.met: set[int] = set()
 
     def _mixture(self, limit: float) -> Mixture:
@@ -37,16 +36,9 @@ class Atoms:
         return mixture
 
     def value(self, limit: float) -> tuple[float, float]:
-        """Return the best expected privacy and its slope in the budget, taken from the search where that knows it."""
+        """Return the best expected privacy and its slope in the budget."""
         mixture = self._mixture(limit)
-        value, price = float(mixture.probabilities @ self.privacies[mixture.indices]), mixture.price
-        if (not self.met or not (self.regrets > limit).any()) and np.isfinite(self.first_price):
-            price = self.first_price
-            # A concave frontier is no steeper at the budget than before it.
-            short = limit - self.regrets
-            before = (short > 0.0) & (self.privacies > value - price * short + tolerances.CHORD)
-            price = float(((value - self.privacies[before]) / short[before]).min(initial=price))
-        return value, max(price, 0.0)
+        return float(mixture.probabilities @ self.privacies[mixture.indices]), max(mixture.price, 0.0)
 
     def extend(self, prover: Prover, fresh: np.ndarray, price: float, line: float) -> bool:
         """Take in the decisions of points that lie above the line Ψ = line + price · regret; return whether one does."""

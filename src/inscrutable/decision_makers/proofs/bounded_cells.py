@@ -67,7 +67,6 @@ class BoundedCells:
         """Make a cell final: its privacy is the same throughout."""
         self.cells.gains[cell], self.cells.regrets[cell], self.cells.final[cell] = gain, regret, True
         self._exact[cell] = False
-        self.bounds[cell] = self._by_weights(np.array([cell]))[0]
 
     def take(self, others: BoundedCells) -> None:
         """Add cells that were bounded for the same question."""

@@ -32,9 +32,13 @@ from inscrutable.problems import DecisionProblem, KellyProblem, quadratic_proble
 from inscrutable.validation import Array
 
 _MOST_CELLS = 256  # halved in one round
-_NEARLY = 0.15  # share of a cell's gap left without its loss at kinks, below which a cut at a kink is worth while
-_MOST_KINKS = 4  # cuts at kinks in a row, or cells become ever thinner
-_EDGE_SHARE = 1.2  # a cell's edge over 1 − τ, the rest of the ray to it: both errors are then of equal size
+_NEARLY, _MOST_KINKS = 0.15, 4
+"""Share of a cell's gap left without its loss at kinks, below which a cut at a kink is worth while; and such cuts in a row, or
+cells become ever thinner. 16 proofs over two to four states take up to 2 % fewer or more calls, and the same time, from 0 to
+.6 and from one to eight."""
+_EDGE_SHARE = 1.2
+"""A cell's edge over 1 − τ, the rest of the ray to it: both errors are then of equal size. With half as much the one of these
+16 proofs that is left open ends 5 % higher, with twice as much none differs."""
 _PULLS = np.array([0.0, 0.01, 0.1, 0.5])
 _ATTEMPTS = 3
 _JUDGED = 64  # points whose decisions are judged in one round

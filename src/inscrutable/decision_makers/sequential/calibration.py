@@ -32,12 +32,15 @@ _SHARES = (float("inf"), 1.0, 0.3, 0.1, 0.03)
 and 0 gain nothing (.138 and .137 against .137 on a resting chain of three states) and take three times as long as all
 others."""
 _PATHS = 2  # simulated at a time, on as many threads
-_COARSE, _FINE, _LAST = 40, 150, 1000  # steps of each path: to compare prices, to find one, and to measure it
+_COARSE, _FINE, _LAST = 40, 150, 1000
+"""Steps of each path: to compare prices, to find one, and to measure it. Of nine chains over markets one loses or gains up to
+.8 % of the prior loss with 20 or 80 steps at first; with 75 next, one leaves 3 % of its budget, with 300 none gains over .2 %.
+With 500 at last standard errors are a tenth larger, in .6 times the time, with 2,000 a fourth smaller, in 1.3 times."""
 _SKIPPED = 20  # first steps, in which the observer knows less than in the long run
 _BATCH = 50  # steps whose mean counts as one observation: several times the memory of a law
-_NEAR, _LEAP, _NARROW = 0.02, 0.1, 1.02  # relative: regrets near enough, regrets that jump, equal prices
-_MOST_TRIALS = 12
-_DOUBLINGS = 24
+_NEAR, _NARROW = 0.02, 1.02
+"""Relative: regrets near enough, equal prices. With .01 or .05, and with 1.1, losses of four chains change by .05 % at most."""
+_MOST_TRIALS, _DOUBLINGS = 12, 24  # with 6 and 12 none of these chains changes
 
 
 class PriceTrial(NamedTuple):
@@ -253,15 +256,11 @@ def _loss_at(limit: float, low: PriceTrial, high: PriceTrial) -> float:
     return share * low.loss + (1.0 - share) * high.loss
 
 
-def _leaps(limit: float, low: PriceTrial, high: PriceTrial) -> bool:
-    return low is not high and low.regret > (1.0 + _LEAP) * limit and high.regret < (1.0 - _LEAP) * limit
-
-
 def _refined(market: _Market, told: float, ends: tuple[PriceTrial, PriceTrial]) -> PriceCalibration:
     """The same with long simulations."""
-    if _leaps(market.limit, *ends):
-        low, high = (tried(market, Prices(each.price, told), _FINE) for each in ends)
-        if _leaps(market.limit, low, high):
+    if ends[0] is not ends[1]:  # the regret leaps past the limit
+        low, high = (tried(market, Prices(each.price, told), _LAST) for each in ends)
+        if low.regret > market.limit > high.regret:
             return _made(market.limit, told, [low, high])
     near, slope = _nearest(market.limit, ends), -1.0
     for n_steps, most in ((_FINE, 4), (_LAST, 5)):

@@ -44,7 +44,7 @@ def test_after_the_first_calls_no_kernel_is_left():
     assert left == []
     assert count > 13  # the others are called by these alone
     assert there
-    assert moves == [[number, 3] for number in range(4)]
+    assert moves == [[number, 2] for number in range(3)]
     assert done.stderr == ""
 
 

@@ -61,7 +61,8 @@ def compile_kernels(*, n_jobs: int = -1, progress: Callable[[int, int], None] = 
     from inscrutable.kernels.projection import project
 
     validation.processes(n_jobs, "jobs")
-    calls = [delayed(_quietly)(part) for part in (_decisions, _proofs, _worlds)]
+    # Side by side they compile no kernel twice: what both need, the first compiles at its beginning, the second at its end.
+    calls = [delayed(_quietly)(part) for part in (_decisions, _worlds)]
     progress(0, len(calls))
     for done, _ in enumerate(Parallel(n_jobs=n_jobs, return_as="generator_unordered")(calls), 1):
         progress(done, len(calls))
@@ -116,11 +117,6 @@ def _decisions() -> None:
     for some in (single.candidates, random_candidates(problem, _BELIEFS, rng=rng)):
         for distance in (None, DesiredObfuscation(beliefs[1])):
             privacy_frontier(problem, beliefs[0], distance, candidates=some)
-
-
-def _proofs() -> None:
-    rng = np.random.default_rng(0)
-    problem, beliefs = _market(rng)
     CounterAdversarialDecisionMaker(problem, method=LocalSearch()).decide(beliefs[0])
     CounterAdversarialDecisionMaker(problem, method=GlobalSearch(certify=_GAP)).decide(beliefs[0])
     ProbabilisticDecisionMaker(problem, certify=_GAP).decide(beliefs[0])

@@ -19,6 +19,20 @@ def put(values: Any, out: Any) -> None:
 
 
 @uncounted
+def put_rows(values: Any, out: Any) -> None:
+    """Copy `values` (n,d) to the first n rows of `out`."""
+    for i in range(values.shape[0]):
+        put(values[i], out[i])
+
+
+@uncounted
+def put_at_least(low: float, values: Any, out: Any) -> None:
+    """Fill the first n entries of `out` with the larger of `low` and `values` (n,)."""
+    for i in range(values.size):
+        out[i] = max(values[i], low)
+
+
+@uncounted
 def put_shifted(values: Any, share: float, step: Any, out: Any) -> None:
     """Fill the first entries of `out` with values + share·step; as many as `step` has."""
     for i in range(step.size):

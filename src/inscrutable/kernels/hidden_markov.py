@@ -86,7 +86,8 @@ def expectation_pass(log_beliefs: Any, log_predicted: Any, log_transition: Any) 
     later = log_beliefs[n_steps - 1].copy()
     ratio = np.empty(n_states)
     terms = np.empty(n_states)
-    smoothed[n_steps - 1] = np.exp(later)
+    for j in range(n_states):
+        smoothed[n_steps - 1, j] = np.exp(later[j])
     for t in range(n_steps - 2, -1, -1):
         for j in range(n_states):
             reachable = log_predicted[t, j] > -np.inf

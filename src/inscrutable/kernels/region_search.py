@@ -35,6 +35,7 @@ from inscrutable.kernels.regions import (
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 
 NOT_BEGUN, ENDED = -1, -2
+VALUE, POTENTIAL = integer(0), integer(3)  # columns of `Explored.numbers`
 _PROMISE = 1.15
 """The largest distance at a climb's end, over that at its start; starts that promise less than is found are skipped."""
 _SET_PROMISE = 1.5
@@ -145,7 +146,7 @@ class Tolerances(NamedTuple):
 
 @uncounted
 def _top(reached: Any, t: int, what: int) -> float:
-    """The largest value (0) or potential (3) of the entries."""
+    """The largest VALUE or POTENTIAL of the entries."""
     top = -np.inf
     for e in range(reached.count[t]):
         top = max(top, reached.numbers[t, e, what])
@@ -402,7 +403,7 @@ def _plan(aim: Any, regions: Any, starts: Any, rules: Any, limits: Any, t: int, 
     """Ask for the climbs of the next turn: none where regions are missing for it, and where the search has ended."""
     reached, turn = search
     turn.n_climbs[0], reached.n_missing[t] = 0, 0
-    top = _top(reached, t, 0)
+    top = _top(reached, t, VALUE)
     if reached.stage[t] == NOT_BEGUN:
         if reached.n_begun[t] == 0:
             _put_starts_in_order(starts, aim, regions, rules, t, turn.climb)
@@ -410,7 +411,7 @@ def _plan(aim: Any, regions: Any, starts: Any, rules: Any, limits: Any, t: int, 
         if turn.n_climbs[0] > 0:
             return
         reached.stage[t] = limits.patience
-    potential = _top(reached, t, 3)
+    potential = _top(reached, t, POTENTIAL)
     gains = top > reached.before[t, 0] or potential > reached.before[t, 1] + limits.polish
     if gains and reached.stage[t] != ENDED:
         reached.stage[t] = limits.patience
@@ -467,7 +468,7 @@ def search_regions(
             climb_decoys(count, climbs, aim, regions, rules, spots, turn.climb)
             if aim.sign > 0.0:
                 # No set is farther than its members: regions whose decoys are not worth as much are left out.
-                floor = _top(reached, t, 0)
+                floor = _top(reached, t, VALUE)
                 ascents = Ascents(reached.n_ascents[t], reached.ascent_region[t], reached.ascent_place[t])
                 search_sets(count, climbs, aim, floor, regions, rules, (spots, ascents), turn.climb)
             for j in range(count):

@@ -59,7 +59,8 @@ def own_cost(data: StepData, estimate: Any) -> float:
 def own_slope(data: StepData, estimate: Any, slope: Any) -> None:
     """∇h, shape (d,)."""
     if data.width == 0:
-        slope[:] = 2.0 * estimate
+        for i in range(slope.size):
+            slope[i] = 2.0 * estimate[i]
         return
     for start in range(0, estimate.size, data.width):
         rest = _last_share(data, estimate, start)

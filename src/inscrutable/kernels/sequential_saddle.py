@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
+from inscrutable.kernels.copies import put, put_at_least, put_rows
 from inscrutable.kernels.faces import solve_factored
 from inscrutable.kernels.options import fused, inlined, integer, internal, kernel, summed
 from inscrutable.kernels.rounding import LEAST_SUM, TINY
@@ -237,10 +238,11 @@ def _best_law(weights: Any, point: Point) -> float:
             break
         if gains.max() > _LARGE_GAIN:
             if (law < _BACK).any():  # a law of 0 stays 0 whatever it is multiplied by
-                law[:] = np.maximum(law, _BACK)
+                put_at_least(_BACK, law, law)
                 _law_value(weights, point.powers, law, point.held)
                 _gains(weights, point, gains)
-            law *= gains
+            for m in range(n):
+                law[m] *= gains[m]
             value = _law_value(weights, point.powers, law, point.held)
             continue
         slope = 0.0
@@ -254,7 +256,7 @@ def _best_law(weights: Any, point: Point) -> float:
         for m in range(n):
             slope += (gains[m] - 1.0) * (found[m] - law[m])
         if slope < _RESIDUAL:  # the whole step is right to its square
-            law[:] = found
+            put(found, law)
             value = _law_value(weights, point.powers, law, point.held)
             _gains(weights, point, gains)
             break
@@ -270,7 +272,7 @@ def _best_law(weights: Any, point: Point) -> float:
             value = _law_value(weights, point.powers, law, point.held)
             _gains(weights, point, gains)
             break
-        law[:] = trial
+        put(trial, law)
         value = ahead
     return value
 
@@ -540,7 +542,7 @@ def settled(weights: Any, data: StepData, price: float, columns: Any, point: Poi
             length = min(length, longest(data, point.estimates[model.played[a]], step[a * d : (a + 1) * d]))
         reached = np.inf
         while length > _SHORTEST:
-            ahead.estimates[:] = point.estimates
+            put_rows(point.estimates, ahead.estimates)
             for a in range(model.played.size):
                 for i in range(d):
                     ahead.estimates[model.played[a], i] += length * step[a * d + i]

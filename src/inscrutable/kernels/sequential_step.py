@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from inscrutable import tolerances
+from inscrutable.kernels.copies import put, put_at_least, put_rows
 from inscrutable.kernels.faces import solve_factored
 from inscrutable.kernels.options import inlined, integer, internal, kernel
 from inscrutable.kernels.sequential_estimates import StepData, longest, own_curve
@@ -30,6 +31,7 @@ _KEPT, _SOLVED, _RARELY = tolerances.KEPT_DECISION, tolerances.SOLVED_STEP, tole
 _RESIDUAL, _BACK = tolerances.LAW_RESIDUAL, tolerances.RETURNING_LAW
 _NEW = tolerances.NEW_DECISION
 _ROUNDS, _PRICING_STEPS = 60, integer(30)  # three to six, and three are usual
+_NO_DECISION = integer(-1)
 _MOST_ADDED = 3  # decisions that enter at once; a fourth one costs more in Newton's steps than it saves in rounds
 _APART = 0.01  # share of the law's variance by which the estimates of decisions that enter at once must differ
 _RATIO = 0.25  # from one price of information to the next in the continuation to a small one
@@ -91,7 +93,7 @@ def _joining(logs: Any, data: StepData, price: float, gains: Any, estimates: Any
     added, near = np.empty(_MOST_ADDED, np.int64), np.zeros(gains.size, np.bool_)
     count = 0
     while count < _MOST_ADDED:
-        best = -1
+        best = _NO_DECISION
         for m in range(gains.size):
             if gains[m] > _SOLVED and not near[m] and (best < 0 or gains[m] > gains[best]):
                 best = m
@@ -136,7 +138,8 @@ def _priced(weights: Any, data: StepData, price: float, columns: Any, point: Poi
                 # Near a wrong answer Newton's steps stall at a small barrier: the last estimate may be the better start.
                 before = gain_at(logs, data, price, m, known[m], powers) if data.width > 0 else np.inf
                 if before < gains[m]:
-                    gains[m], estimates[m] = before, known[m]
+                    gains[m] = before
+                    put(known[m], estimates[m])
         for k in range(columns.size):
             gains[columns[k]] = 0.0
         added = _joining(logs, data, price, gains, estimates, _APART * apart)
@@ -180,11 +183,11 @@ def _joined(columns: Any, point: Point, added: Any, gains: Any, estimates: Any) 
     longer, both = room_for_point(n, point.estimates.shape[1], point.held.size), np.empty(n, np.int64)
     for k in range(kept.size):
         both[k], longer.law[k] = columns[kept[k]], point.law[kept[k]]
-        longer.estimates[k] = point.estimates[kept[k]]
+        put(point.estimates[kept[k]], longer.estimates[k])
     for k in range(added.size):
         m, place = added[k], kept.size + k
         both[place], longer.law[place] = m, max(_NEW * np.exp(-max(gains[m], 0.0)), _BACK)
-        longer.estimates[place] = estimates[m]
+        put(estimates[m], longer.estimates[place])
     return both, longer
 
 
@@ -287,7 +290,8 @@ def solved_step(
             return columns, point.law, point.estimates, max(gains.max(), 0.0)
         if near.size:
             begun = room_for_point(near.size, d, count)
-            begun.law[:], begun.estimates[:] = np.maximum(near_law, _BACK), near_estimates
+            put_at_least(_BACK, near_law, begun.law)
+            put_rows(near_estimates, begun.estimates)
             begun = settled(weights, data, data.price, near, begun, work)
             start, begun, worst = _at_price(weights, data, data.price, near, begun, gains, estimates, work)
             if worst <= _KEPT:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from inscrutable.kernels.copies import put
 from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.options import inlined, integer, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.projection import project_in, room_for
@@ -201,7 +202,7 @@ def is_explained_once(face: Any, w: Any, rules: Any, n_rows: int, same: float) -
         if nearest_belief(face, w, corner, rules, NO_ROW, found, room) == np.inf:
             return False
         if i == 0:
-            first[:] = found
+            put(found, first)
         for j in range(n_states):
             if abs(found[j] - first[j]) > same:
                 return False

@@ -165,7 +165,7 @@ class SmoothRival:
         room = np.empty((n, count)), np.empty((n, count)), np.empty(count), np.empty(count)
         law = np.maximum(start.law, tolerances.RETURNING_LAW)
         point = Point(law, np.empty((n, 0)), *room)
-        value = float(law_of(weights, data, point))
+        value = float(law_of(np.array(weights), data, point))  # the kernel is compiled for arrays that may be written
         logs = np.log(weights) - point.top - np.log(point.held)
         return _Point(start.numbers, start.beliefs, costs, curves, value, point.law, point.ratios, logs)
 

@@ -84,8 +84,8 @@ def obfuscated_decision(
     Returns:
         `AlphaDecision`; a closed form has two signs, and the one with the smaller positions is returned.
 
-    Cost: one eigenvector; with inequalities some thousand decisions, half a second for four assets. Source: the paper, Section III-C,
-        measure (e), for Gaussian beliefs.
+    Cost: one eigenvector; with inequalities some thousand decisions, half a second for four assets. Source: the paper,
+        Section III-C, measure (e), for Gaussian beliefs.
 
     Example:
         >>> problem = AlphaProblem([[0.04, 0.0], [0.0, 0.01]], risk_aversion=2.5)

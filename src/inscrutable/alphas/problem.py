@@ -223,7 +223,7 @@ def least_costs(risk: Risk, risk_aversion: float, layout: Layout, alphas: Array)
     """Return the minimisers (T,n) of γ u'V u − a'u over a layout for the rows a of `alphas`.
 
     The interior-point method needs an interior and strict convexity; otherwise an active-set method works on the matrix. The
-    latter also takes few assets: a row of 4 to 30 in 0.5 ms, against 5 to 6 ms by interior point, with the same weights to 4e-16.
+    latter also takes few assets: a row of 4 to 30 in 0.5 ms, against 5 by interior point, with the same weights to 4e-16.
     """
     if risk.is_definite and risk.n_assets > _MOST_AT_ONCE:
         try:

@@ -158,7 +158,7 @@ def test_what_costs_as_much_as_silence_is_named_in_the_first_sentence(moving: Ba
     told = "it is cheaper not to act on the belief at all"
     cheap = shifted(moving, {"mean_regret": 0.5 * silence})
     assert not any(told in line for line in verdict(cheap))
-    for regret in (silence, 1.5 * silence):
+    for regret in (moving.known_silence_regret, 1.5 * silence):
         dear = shifted(moving, {"mean_regret": 0.5 * silence}, PDM={"mean_regret": regret})
         first = verdict(dear)[0]
         assert "; probabilistic weights cost at least as much as silence" in first

@@ -135,6 +135,24 @@ def test_the_belief_of_the_next_step_comes_from_the_returns_so_far(
         assert said in capsys.readouterr().err
 
 
+def test_one_decision_is_published_for_each_month_of_returns(
+    small, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, file, state, _ = small
+    rows = pd.DataFrame(
+        [[0.02, 0.01, 0.0], [-0.1, 0.0, 0.02]], columns=["A", "B", "C"], index=["2024-01-31", "2024-02-29"]
+    ).rename_axis("date")
+    copy, returns = shutil.copy(state, tmp_path / "state"), tmp_path / "returns.csv"
+    call = ["protect", "--model", str(file), "--state", str(copy), "--returns", str(returns), "--json", "-q"]
+    for months, code in ((1, 0), (1, 3), (2, 0), (1, 3), (2, 3)):
+        rows[:months].to_csv(returns)
+        before = Path(copy).read_bytes()
+        assert main([*call, "--publish", "--seed", "1"]) == code
+        assert (Path(copy).read_bytes() == before) == (code != 0)
+        assert main(call) == 0  # a look is free
+    assert "has a decision on data to 2024-02-29 already, and these end at 2024-02-29" in capsys.readouterr().err
+
+
 def test_the_summary_names_the_ceiling_and_a_belief_off_the_grid(small) -> None:
     model, _, state, begun = small
     assert begun.is_off_grid

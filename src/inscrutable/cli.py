@@ -443,7 +443,7 @@ def protect(
     investor = investor.after(before)
     held: Any = single if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
     if means.returns is not None:
-        held = belief_after(means.returns, investor, speech)
+        held, _ = belief_after(means.returns, investor, speech)
     folder = None if out is None else writable_folder(out)
     with speech.progress("Steps") as move:
         if planned is not None:

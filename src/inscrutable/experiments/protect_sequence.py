@@ -14,6 +14,7 @@ from inscrutable import validation
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.decision_makers import DecisionSequence, MixedDecision, SequentialDecisionMaker
 from inscrutable.decision_makers.sequential.sequence import StepFigures
+from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_aware import resolution_for
 from inscrutable.experiments.investor_model import BASIS_POINTS, InvestorModel, checked_model
 from inscrutable.mechanisms.chains import BeliefChain, predicted_chain
@@ -174,6 +175,7 @@ def protect_step(
     *,
     publish: bool = False,
     rng: np.random.Generator | None = None,
+    period: str | None = None,
 ) -> ProtectedStep:
     """Return the next step of a sequence of decisions stored in a file.
 
@@ -187,9 +189,12 @@ def protect_step(
         budget: Long-run mean regret; None is the model's.
         publish: Whether to draw once, record the draw and return it; otherwise nothing is drawn.
         rng: The source of the draw; None: the operating system's entropy, because a known seed reveals the draw.
+        period: The period whose data the belief rests on, as a date "2024-03-31"; None: not recorded. One decision is published
+            for each period, in their order.
 
     Raises:
-        InputError: An argument is malformed, the file is damaged or of another problem or budget, or in use; it is unchanged.
+        InputError: An argument is malformed, the file is damaged or of another problem or budget, or in use, or has a decision
+            of this period or a later one; it is unchanged.
         SolverError: No price was found at which the budget is met.
 
     Cost: some milliseconds, plus a calibration of up to a minute for a new file.
@@ -221,9 +226,22 @@ def protect_step(
             sequence.load(path)
         else:
             sequence.save(path)
+        if publish and period is not None:
+            _begin(sequence, period, path)
         return _step(model, held, (maker, sequence), path, source if publish else None)
     finally:
         sequence.close()
+
+
+def _begin(sequence: DecisionSequence, period: str, path: Path) -> None:
+    """Note the period of the decision to come; raise `InputError` unless it follows the last one."""
+    last = sequence.period
+    if last is not None and period <= last:
+        raise InputError(
+            f"{path} has a decision on data to {last} already, and these end at {period}: a sequence publishes once a period. "
+            "Add the new rows, or leave out --publish to look at this step"
+        )
+    sequence.period = period
 
 
 def _step(

@@ -64,7 +64,8 @@ class DecisionSequence(Summarised, KeptInFile):
 
     At every step `decide` returns the lottery, any number of times; `publish` records the one decision that was drawn and
     published. Time passes with `observe`, or else with the next `decide` or `publish`. Where the chain has public symbols,
-    `observe` takes the one of the step, before each decision.
+    `observe` takes the one of the step, before each decision. `period` may name the time of the latest decision; it is kept with
+    the rest.
 
     Cost: the solve of a step, some milliseconds for 500 beliefs and 500 decisions. Source: see `SequentialDecisionMaker`.
 
@@ -98,6 +99,7 @@ class DecisionSequence(Summarised, KeptInFile):
         self.n_published = self.n_off_grid = self.n_approximate = 0
         self.total_regret = self.total_bits = 0.0
         self._latest: Array | None = None
+        self.period: str | None = None
         self._tree = cKDTree(self._table.prior.beliefs)
 
     def _priced(self) -> tuple[PriceCalibration, int, StepRule]:
@@ -317,6 +319,7 @@ class DecisionSequence(Summarised, KeptInFile):
             self.total_bits,
             self._latest,
             self.n_steps,
+            self.period,
         ).save(path)
 
     def load(self, path: PathLike) -> Self:
@@ -334,7 +337,7 @@ class DecisionSequence(Summarised, KeptInFile):
         self._published, self._looked = found.has_published, found.has_looked
         self.n_published, self.n_approximate = found.n_published, found.n_approximate
         self.n_off_grid, self.total_regret, self.total_bits = found.n_off_grid, found.regret, found.bits
-        self._latest, self.n_steps = found.latest, found.n_steps
+        self._latest, self.n_steps, self.period = found.latest, found.n_steps, found.period
         self._own, self._is_off_grid = float("nan"), False
         return self
 

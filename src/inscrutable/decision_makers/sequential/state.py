@@ -110,6 +110,7 @@ class SequenceState(Saved):
     bits: float
     latest: Array | None = None  # (U,): the decision published last
     n_steps: int = 0  # so far; decides whether the next decision is disclosed
+    period: str | None = None  # of the decision published last, such as the date of the data it rests on
     version: int = VERSION
 
     def __post_init__(self) -> None:

@@ -64,8 +64,8 @@ class DecisionSequence(Summarised, KeptInFile):
 
     At every step `decide` returns the lottery, any number of times; `publish` records the one decision that was drawn and
     published. Time passes with `observe`, or else with the next `decide` or `publish`. Where the chain has public symbols,
-    `observe` takes the one of the step, before each decision. `period` may name the time of the latest decision; it is kept with
-    the rest.
+    `observe` takes the one of the step, before each decision. `period` may name the time of the latest decision; it is
+    stored with the rest.
 
     Cost: the solve of a step, some milliseconds for 500 beliefs and 500 decisions. Source: see `SequentialDecisionMaker`.
 

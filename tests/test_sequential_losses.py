@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import cvxpy as cp
@@ -217,24 +218,23 @@ def test_two_states_alike_lose_what_is_given_up(regret: float) -> None:
 def calibrated(
     given: SequentialDecisionMaker, rng: np.random.Generator
 ) -> tuple[SequentialDecisionMaker, PathDecisions]:
-    """A rule calibrated for a rival on beliefs that rest half of the time, which holds what its calibration says on a path."""
-    maker = SequentialDecisionMaker(
-        given.problem,
-        given.budget,
-        chain=given.chain,
-        loss=given.loss,
-        information_price=0.1 * given.table.unit,
-        rng=rng,
-    )
+    """A rule calibrated for a rival on beliefs that rest half of the time, which holds what its calibration says: on paths at
+    each of its prices, of which it draws one."""
+    told = 0.1 * given.table.unit
+    with_rival = partial(SequentialDecisionMaker, given.problem, chain=given.chain, loss=given.loss, rng=rng)
+    maker = with_rival(given.budget, information_price=told)
     found = maker.calibration
     assert found.regret <= maker.limit * 1.03
-    assert found.loss <= maker.ceiling + 4 * found.loss_se + 1e-3 * maker.table.unit
+    at_spent = with_rival(Budget.regret(max(maker.limit, found.regret)), information_price=told)
+    assert found.loss <= at_spent.ceiling + 4 * found.loss_se + 1e-3 * maker.table.unit
     places = maker.chain.paths(200, 1, rng=rng)[:, 0]
-    path = maker.decide_path(maker.beliefs[places], rng=rng)
+    at = [with_rival(given.budget, calibration=PriceCalibration.at(price, told)) for price in found.regret_prices]
+    paths = [each.decide_path(each.beliefs[places], rng=rng) for each in at]
+    mean = found.shares @ [path.losses.mean() for path in paths]
     # A belief that rests half of the time: steps weigh as a third of independent ones.
-    error = path.losses.std() * np.sqrt(3.0 / len(places))
-    assert path.losses.mean() == pytest.approx(found.loss, abs=5.0 * float(np.hypot(error, found.loss_se)))
-    return maker, path
+    error = found.shares @ [path.losses.std() for path in paths] * np.sqrt(3.0 / len(places))
+    assert mean == pytest.approx(found.loss, abs=5.0 * float(np.hypot(error, found.loss_se)))
+    return maker, paths[0]
 
 
 def test_a_calibrated_rule_spends_its_budget_and_stays_below_the_ceiling(fresh_rng: np.random.Generator) -> None:

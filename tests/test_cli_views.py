@@ -48,6 +48,16 @@ def test_the_table_and_the_files_say_what_the_library_says(folder: Path, capsys:
     }
 
 
+def test_a_sum_of_one_that_is_not_asked_for_is_a_caution(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = []
+    half = pd.read_csv(folder / "weights.csv", index_col=0) * 0.5
+    half.to_csv(folder / "half.csv")
+    for weights, held in (("weights.csv", "anything"), ("weights.csv", "long-only"), ("half.csv", "anything")):
+        assert main(asked(folder, "--risk-aversion", "2", "--held", held, weights=weights)) == 0
+        said.append("Caution: these weights sum to one" in capsys.readouterr().out)
+    assert said == [True, False, False]
+
+
 def test_json_and_other_orders_of_assets(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     more = ("--risk-aversion", "2", "--held", "long-only", "--reference", "Oil", "--regret", "5bp", "--json")
     assert main(asked(folder, *more)) == 0

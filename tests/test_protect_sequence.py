@@ -43,7 +43,7 @@ def small(tmp_path_factory: pytest.TempPathFactory):
     folder = tmp_path_factory.mktemp("sequence")
     with pytest.MonkeyPatch.context() as patch, short_simulations():
         patch.setattr(protect_sequence, "resolution_for", lambda n_states: 6)
-        begun = protect_step(model, BELIEF, folder / "state", rng=np.random.default_rng(0))
+        begun = protect_step(model, BELIEF, folder / "state", Budget.regret(2e-4), rng=np.random.default_rng(0))
         yield model, model.save(folder / "model.json"), folder / "state", begun
 
 
@@ -77,6 +77,21 @@ def test_a_published_decision_is_remembered(small, tmp_path: Path) -> None:
     other = Path(shutil.copy(state, tmp_path / "other"))
     repeated = protect_step(model, BELIEF, other, publish=True, rng=np.random.default_rng(1))
     np.testing.assert_array_equal(repeated.published, found.published)
+
+
+def test_the_budget_is_that_of_the_file_and_of_a_new_one_half_of_silence(small, tmp_path: Path) -> None:
+    model, _, state, begun = small
+    assert begun.budget == protect_step(model, BELIEF, state).budget == 2e-4
+    prior = protect_sequence.chain_of(model).prior
+    costs = model.problem.state_costs(model.problem.solve(prior.beliefs))
+    known = prior.weights @ (prior.beliefs * costs).sum(axis=1)
+    silence = model.problem.optimal_cost(prior.weights @ prior.beliefs) - known
+    new = protect_step(model, BELIEF, tmp_path / "new", rng=np.random.default_rng(0))
+    assert [new.budget, new.silence] == pytest.approx([0.5 * silence, silence], rel=1e-9)
+    assert "So the rule is silent" not in new.summary()
+    silent = protect_step(model, BELIEF, tmp_path / "silent", Budget.regret(1.1 * silence))
+    assert len(silent.lottery.probabilities) == 1
+    assert "So the rule is silent" in silent.summary()
 
 
 def test_a_file_of_another_budget_or_a_damaged_one_is_refused_and_kept(small, tmp_path: Path) -> None:

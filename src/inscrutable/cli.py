@@ -385,8 +385,8 @@ def protect(
         beliefs: CSV of beliefs: dates, then one column per regime.
         weights: CSV of planned weights; the belief behind them is inferred as an observer would.
         budget: The regret allowed for privacy: a share of |c*| such as 0.1 or 10%, a regret such as 5bp or regret:0.002 in the
-            cost's unit, or silence:0.5, half the silence regret. Default: the model's. With `--alphas` a share is one of the
-            silence regret, 0.5 by default.
+            cost's unit, or silence:0.5, half the silence regret. Default: the model's; with `--state` that of its file, for a
+            new one silence:0.5. With `--alphas` a share is one of the silence regret, 0.5 by default.
         measure: The privacy measure.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
         certify: Prove an upper bound of the privacy, to this relative gap, such as 0.01; for maximal and desired.

@@ -73,6 +73,7 @@ def views(
         raise UsageError("give --regret or --digits, not both: the regret of rounded weights is not known")
     allowed = None if regret is None else amount_of(regret, "--regret")
 
+    from inscrutable import tolerances
     from inscrutable.reports.views import views_frame, views_remarks, views_summary, write_views
 
     table = _numbers(weights, "--weights")
@@ -94,6 +95,11 @@ def views(
     speech.sentence(f"{label_text(last)}: {found.status.value}.")
     for remark in views_remarks(read):
         speech.sentence(remark)
+    if held == "anything" and (table.sum(axis=1) - 1.0).abs().max() < tolerances.MIN_SLACK * problem.n_assets:
+        speech.sentence(
+            "Caution: these weights sum to one. If they must, a constant added to all expected returns changes nothing: read "
+            "them with --held long-only (or invested) --reference portfolio."
+        )
     if problem.n_assets > _LONGEST_TABLE or len(read) > 1:
         speech.sentence("All portfolios and assets: --out FOLDER" if folder is None else f"All: {folder / 'views.csv'}")
     speech.files(files)

@@ -23,7 +23,7 @@ from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Attack, Reading
 from inscrutable.experiments.backtest_aware import doubted
 from inscrutable.experiments.investor_model import InvestorModel
-from inscrutable.experiments.protect_sequence import chain_of
+from inscrutable.experiments.protect_sequence import chain_of, sequence_budget
 from inscrutable.mechanisms import mechanism
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.played import PlaysMany
@@ -94,7 +94,7 @@ def attack_over_time(
     Args:
         attack: From `attack_weights`.
         rule: The rule: "optimal", "cdm", "pdm" or "sequential".
-        budget: The rule's budget; None: the model's. For "sequential" it is that of the file.
+        budget: The rule's budget; None: the model's, for "sequential" that of the file.
         state: For "sequential": the file of the sequence, from which the rule's prices are taken, but no decision.
 
     Raises:
@@ -117,15 +117,16 @@ def attack_over_time(
     """
     model = attack.model
     chain = chain_of(model)
-    limit = model.budget if budget is None else as_budget(budget)
-    known = _mechanism(model, chain, rule, limit, state)
+    known = _mechanism(model, chain, rule, None if budget is None else as_budget(budget), state)
     # For the sequential rule the chain is its own; for others the chain rules out no move.
     followed = SequentialAdversary(chain if rule == "sequential" else doubted(chain), known)
     return AttackOverTime(attack, rule, followed.filter(attack.actions, nearest=True), chain.prior.error)
 
 
-def _mechanism(model: InvestorModel, chain: BeliefChain, rule: str, budget: Budget, state: str | Path | None) -> Any:
-    problem = model.problem
+def _mechanism(
+    model: InvestorModel, chain: BeliefChain, rule: str, given: Budget | None, state: str | Path | None
+) -> Any:
+    problem, budget = model.problem, model.budget if given is None else given
     makers: dict[str, Callable[[], PlaysMany]] = {
         "optimal": lambda: OriginalDecisionMaker(problem),
         "cdm": lambda: CounterAdversarialDecisionMaker(problem, budget=budget),
@@ -137,7 +138,8 @@ def _mechanism(model: InvestorModel, chain: BeliefChain, rule: str, budget: Budg
         raise InputError(f"rule must be one of {', '.join([*makers, 'sequential'])}, got {rule!r}")
     if state is None or not Path(state).exists():
         raise InputError("the sequential rule's prices are in the file of its sequence: give one that protect has made")
-    sequence = SequentialDecisionMaker(problem, budget, chain=chain, rng=np.random.default_rng(0)).begin()
+    limit = sequence_budget(model, chain.prior, Path(state)) if given is None else given
+    sequence = SequentialDecisionMaker(problem, limit, chain=chain, rng=np.random.default_rng(0)).begin()
     try:
         return sequence.load(state)
     finally:

@@ -11,13 +11,17 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.budgets import Budget, as_budget
+from inscrutable.budgets import Budget, SilenceShare, as_budget
 from inscrutable.decision_makers import DecisionSequence, MixedDecision, SequentialDecisionMaker
 from inscrutable.decision_makers.sequential.sequence import StepFigures
+from inscrutable.decision_makers.sequential.state import SequenceState
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_aware import resolution_for
+from inscrutable.experiments.backtest_sequential import SHARE_OF_SILENCE
 from inscrutable.experiments.investor_model import BASIS_POINTS, InvestorModel, checked_model
+from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.chains import BeliefChain, predicted_chain
+from inscrutable.privacy.leaks import silence_regret
 from inscrutable.validation import Array
 
 _CHAIN_SEED = 0
@@ -47,6 +51,8 @@ class ProtectedStep:
         long_run_error: Root mean square error in the long run, given all decisions.
         ceiling: An upper bound of every rule's long-run error, on the grid and these candidates.
         n_beliefs: Beliefs of the grid.
+        budget: Long-run mean regret allowed, in the cost's unit.
+        silence: The silence regret, that of one constant portfolio, by the law of the belief.
     """
 
     model: InvestorModel
@@ -66,6 +72,8 @@ class ProtectedStep:
     long_run_error: float
     ceiling: float
     n_beliefs: int
+    budget: float
+    silence: float
 
     def table(self) -> pd.DataFrame:
         """Return one row per portfolio of the lottery, the likeliest first: probability, regret and weights."""
@@ -97,6 +105,8 @@ class ProtectedStep:
             "ceiling": self.ceiling,
             "prior_error": self.prior_error,
             "grid_beliefs": self.n_beliefs,
+            "budget": self.budget,
+            "silence_regret": self.silence,
             "belief_off_grid": self.is_off_grid,
             "counted_as_nearest": self.is_approximate,
         }
@@ -127,6 +137,7 @@ class ProtectedStep:
         """Return a few sentences: regret, the observer's estimate, and the published weights."""
         own, seen = (BASIS_POINTS * each for each in (self.expected.own_regret, self.expected.regret))
         lines = [
+            self._budget_line(),
             f"This step costs {own:.3g} bp of wealth in expectation under your belief, {seen:.3g} by the observer's law, and "
             f"leaks {self.expected.bits:.3f} bits on average.",
             f"The aware observer, who has seen {_counted(self.n_published - (self.published is not None))}, believes "
@@ -153,6 +164,16 @@ class ProtectedStep:
                 lines.append(f"Last published: {self.written(self.latest)}.")
             lines.append("Nothing was drawn or recorded: --publish draws once and records what it drew.")
         return "\n".join(lines)
+
+    def _budget_line(self) -> str:
+        budget, silence = BASIS_POINTS * self.budget, BASIS_POINTS * self.silence
+        line = f"Budget: {budget:.3g} bp of wealth a step in the long run; silence, a constant portfolio, costs {silence:.3g}."
+        if self.budget < self.silence:
+            return line
+        return (
+            line
+            + " So the rule is silent: it publishes one portfolio, whatever your belief. Hiding for less: --budget silence:0.5."
+        )
 
     def _named(self, belief: Array) -> str:
         return ", ".join(f"{name} {share:.2f}" for name, share in zip(self.model.regimes, belief, strict=True))
@@ -186,7 +207,7 @@ def protect_step(
         model: The investor.
         belief: π, shape (X,).
         state: The file of the sequence, created if missing.
-        budget: Long-run mean regret; None is the model's.
+        budget: Long-run mean regret. None: that of the file; half of the silence regret for a new one, as in a backtest.
         publish: Whether to draw once, record the draw and return it; otherwise nothing is drawn.
         rng: The source of the draw; None: the operating system's entropy, because a known seed reveals the draw.
         period: The period whose data the belief rests on, as a date "2024-03-31"; None: not recorded. One decision is published
@@ -218,7 +239,7 @@ def protect_step(
     held = validation.one_belief(belief, problem.n_states, names=model.regimes)
     source = np.random.default_rng() if rng is None else validation.generator(rng)
     chain = chain_of(model)
-    limit = model.budget if budget is None else as_budget(budget)
+    limit = sequence_budget(model, chain.prior, path) if budget is None else as_budget(budget)
     maker = SequentialDecisionMaker(problem, limit, chain=chain, turnover=model.turnover, rng=source)
     sequence = maker.begin()
     try:
@@ -231,6 +252,13 @@ def protect_step(
         return _step(model, held, (maker, sequence), path, source if publish else None)
     finally:
         sequence.close()
+
+
+def sequence_budget(model: InvestorModel, prior: Prior, path: Path) -> Budget:
+    """Return the budget of the sequence in a file; half of the silence regret where there is none."""
+    if path.exists():
+        return Budget.regret(SequenceState.load(path).problem.limit)
+    return SilenceShare(SHARE_OF_SILENCE).of(silence_regret(model.problem, prior.beliefs, prior.weights))
 
 
 def _begin(sequence: DecisionSequence, period: str, path: Path) -> None:
@@ -268,4 +296,5 @@ def _step(
         model, belief, lottery, before.mean, after, expected, published, sequence.latest, is_off_grid, is_approximate,
         sequence.n_published, sequence.total_regret, sequence.total_bits, float(np.sqrt(spread)),
         float(np.sqrt(sequence.calibration.loss)), ceiling, len(prior),
+        maker.limit, silence_regret(model.problem, prior.beliefs, prior.weights),
     )  # fmt: skip

@@ -44,7 +44,7 @@ class SequenceProblem(Saved):
             "decisions": "other decisions",
             "state_costs": "other costs",
             "cap": "another cap on the regret",
-            "limit": f"another budget, a mean regret of {other.limit:.4g} a step instead of {self.limit:.4g}",
+            "limit": f"another budget, a mean regret of {other.limit:.8g} a step instead of {self.limit:.8g}",
             "rival": "another loss of the observer",
             "turnover": "another limit on turnover",
         }

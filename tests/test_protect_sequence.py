@@ -168,6 +168,24 @@ def test_one_decision_is_published_for_each_month_of_returns(
     assert "has a decision on data to 2024-02-29 already, and these end at 2024-02-29" in capsys.readouterr().err
 
 
+def test_months_without_a_decision_pass_for_the_observer(small, tmp_path: Path) -> None:
+    model, _, state, _ = small
+    copy = Path(shutil.copy(state, tmp_path / "state"))
+    months = ["2024-01-31", "2024-02-29", "2024-03-31"]
+    first = protect_step(model, BELIEF, copy, publish=True, rng=np.random.default_rng(3), periods=months[:1])
+    assert first.n_skipped == 0
+    looked = [protect_step(model, BELIEF, copy, periods=months[:n]) for n in (2, 3)]
+    assert [each.n_skipped for each in looked] == [0, 1]
+    np.testing.assert_allclose(looked[0].before, protect_step(model, BELIEF, copy).before, atol=1e-12)
+    chain = protect_sequence.chain_of(model)
+    sequence = SequentialDecisionMaker(model.problem, Budget.regret(2e-4), chain=chain, rng=np.random.default_rng(0))
+    law = sequence.begin().load(copy).observer.weights
+    for found in looked:
+        law = law @ chain.transition
+        np.testing.assert_allclose(found.before, law @ chain.prior.beliefs, atol=1e-12)
+    assert "Periods before this one without a decision: 1." in looked[1].summary()
+
+
 def test_the_summary_names_the_ceiling_and_a_belief_off_the_grid(small) -> None:
     model, _, state, begun = small
     assert begun.is_off_grid

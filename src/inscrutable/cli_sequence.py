@@ -29,16 +29,16 @@ def belief_now(belief: str | None, returns: Path | None, refused: dict[str, Any]
     raise UsageError("--state needs your belief: one of --belief and --returns")
 
 
-def belief_after(returns: Path, investor: InvestorModel, speech: Speech) -> tuple[Array, str]:
-    """Return the belief about the next row after those of a file of returns, and the date of its last row; say both."""
+def belief_after(returns: Path, investor: InvestorModel, speech: Speech) -> tuple[Array, list[str]]:
+    """Return the belief about the next row after those of a file of returns, and the dates of these; say both."""
     from inscrutable.datasets import read_returns
 
     table = read_returns(returns)
     found = investor.belief_after(table)
     named = ", ".join(f"{name} {share:.3f}" for name, share in zip(investor.regimes, found, strict=True))
-    last = f"{table.index[-1]:%Y-%m-%d}"
-    speech.log(f"Belief after {len(table)} rows of {returns}, to {last}: {named}")
-    return found, last
+    dates = [f"{date:%Y-%m-%d}" for date in table.index]
+    speech.log(f"Belief after {len(table)} rows of {returns}, to {dates[-1]}: {named}")
+    return found, dates
 
 
 def protect_next(
@@ -64,12 +64,12 @@ def protect_next(
     from inscrutable.experiments.silence import budget_in
 
     investor = investor_of(model, limits)
-    held, period = belief_after(belief, investor, speech) if isinstance(belief, Path) else (belief, None)
+    held, periods = belief_after(belief, investor, speech) if isinstance(belief, Path) else (belief, [])
     if not state.exists():
         speech.log(f"No sequence in {state} yet: the prices that spend the budget in the long run are computed once.")
     limit = None if asked is None else budget_in(investor.world, investor.problem, asked)
     rng = None if seed is None else np.random.default_rng(seed)
-    found = protect_step(investor, held, state, limit, publish=publish, rng=rng, period=period)
+    found = protect_step(investor, held, state, limit, publish=publish, rng=rng, periods=periods)
     if speech.json:
         speech.summary(found.figures())
         return

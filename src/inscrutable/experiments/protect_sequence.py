@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +54,7 @@ class ProtectedStep:
         n_beliefs: Beliefs of the grid.
         budget: Long-run mean regret allowed, in the cost's unit.
         silence: The silence regret, that of one constant portfolio, by the law of the belief.
+        n_skipped: Periods since the last decision that had none.
     """
 
     model: InvestorModel
@@ -74,6 +76,7 @@ class ProtectedStep:
     n_beliefs: int
     budget: float
     silence: float
+    n_skipped: int = 0
 
     def table(self) -> pd.DataFrame:
         """Return one row per portfolio of the lottery, the likeliest first: probability, regret and weights."""
@@ -143,6 +146,8 @@ class ProtectedStep:
             f"The aware observer, who has seen {_counted(self.n_published - (self.published is not None))}, believes "
             f"{self._named(self.before)}.",
         ]
+        if self.n_skipped:
+            lines.append(f"Periods before this one without a decision: {self.n_skipped}. The observer's law moved on.")
         if self.is_off_grid:
             lines.append(
                 f"Your belief lies between the {self.n_beliefs} beliefs of the grid, as most do. The rule plays it all the "
@@ -196,7 +201,7 @@ def protect_step(
     *,
     publish: bool = False,
     rng: np.random.Generator | None = None,
-    period: str | None = None,
+    periods: Sequence[str] = (),
 ) -> ProtectedStep:
     """Return the next step of a sequence of decisions stored in a file.
 
@@ -210,12 +215,12 @@ def protect_step(
         budget: Long-run mean regret. None: that of the file; half of the silence regret for a new one, as in a backtest.
         publish: Whether to draw once, record the draw and return it; otherwise nothing is drawn.
         rng: The source of the draw; None: the operating system's entropy, because a known seed reveals the draw.
-        period: The period whose data the belief rests on, as a date "2024-03-31"; None: not recorded. One decision is published
-            for each period, in their order.
+        periods: Dates of the data that the belief rests on, as "2024-03-31", ascending; none: not recorded. One decision is
+            published for each, at its end; where several are new, the observer's law moves on by as many steps.
 
     Raises:
         InputError: An argument is malformed, the file is damaged or of another problem or budget, or in use, or has a decision
-            of this period or a later one; it is unchanged.
+            on the last period or a later one; it is unchanged.
         SolverError: No price was found at which the budget is met.
 
     Cost: some milliseconds, plus a calibration of up to a minute for a new file.
@@ -247,9 +252,8 @@ def protect_step(
             sequence.load(path)
         else:
             sequence.save(path)
-        if publish and period is not None:
-            _begin(sequence, period, path)
-        return _step(model, held, (maker, sequence), path, source if publish else None)
+        skipped = _begin(sequence, periods, path, publish=publish)
+        return replace(_step(model, held, (maker, sequence), path, source if publish else None), n_skipped=skipped)
     finally:
         sequence.close()
 
@@ -261,15 +265,20 @@ def sequence_budget(model: InvestorModel, prior: Prior, path: Path) -> Budget:
     return SilenceShare(SHARE_OF_SILENCE).of(silence_regret(model.problem, prior.beliefs, prior.weights))
 
 
-def _begin(sequence: DecisionSequence, period: str, path: Path) -> None:
-    """Note the period of the decision to come; raise `InputError` unless it follows the last one."""
-    last = sequence.period
-    if last is not None and period <= last:
+def _begin(sequence: DecisionSequence, periods: Sequence[str], path: Path, *, publish: bool) -> int:
+    """Let the time since the last decision pass, and note that of the next; return how many periods had no decision."""
+    last, now = sequence.period, periods[-1] if periods else None
+    new = 0 if last is None else sum(each > last for each in periods)
+    if publish and last is not None and now is not None and not new:
         raise InputError(
-            f"{path} has a decision on data to {last} already, and these end at {period}: a sequence publishes once a period. "
+            f"{path} has a decision on data to {last} already, and these end at {now}: a sequence publishes once a period. "
             "Add the new rows, or leave out --publish to look at this step"
         )
-    sequence.period = period
+    for _ in range(new):
+        sequence.observe()
+    if publish:
+        sequence.period = now
+    return max(new - 1, 0)
 
 
 def _step(

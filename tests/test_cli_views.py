@@ -58,6 +58,22 @@ def test_a_sum_of_one_that_is_not_asked_for_is_a_caution(folder: Path, capsys: p
     assert said == [True, False, False]
 
 
+def test_files_that_cannot_be_meant_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Percentages whose digits would hide that nothing explains them; a covariance that is not symmetric."""
+    (pd.read_csv(folder / "weights.csv", index_col=0) * 100.0).to_csv(folder / "percent.csv")
+    more = ("--risk-aversion", "2", "--held", "long-only", "--reference", "portfolio")
+    assert main(asked(folder, *more, "--digits", "2", weights="percent.csv")) == 3
+    assert "row May: weights is outside" in (said := capsys.readouterr().err)
+    assert "percentages have to be divided by 100" in said
+    (pd.read_csv(folder / "weights.csv", index_col=0) + 0.004).to_csv(folder / "rounded.csv")
+    assert main(asked(folder, *more, "--digits", "2", weights="rounded.csv")) == 0
+    skew = SPREAD.copy()
+    skew.loc["Food", "Oil"] = 0.02
+    skew.to_csv(folder / "covariance.csv")
+    assert main(asked(folder, *more)) == 3
+    assert "covariance.csv is not symmetric: Food, Oil is 0.02, but Oil, Food is 0.01" in capsys.readouterr().err
+
+
 def test_json_and_other_orders_of_assets(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     more = ("--risk-aversion", "2", "--held", "long-only", "--reference", "Oil", "--regret", "5bp", "--json")
     assert main(asked(folder, *more)) == 0

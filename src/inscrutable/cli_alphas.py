@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from inscrutable.cli_console import Speech, replaced, results, show_table
 from inscrutable.cli_limits import Held, region_of
-from inscrutable.cli_values import DATA, INVESTOR, PRIVACY, UsageError, Whole, budget_of
+from inscrutable.cli_values import DATA, INVESTOR, PRIVACY, UsageError, Whole, budget_of, covariance_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -93,7 +93,7 @@ class AlphaOptions:
         from inscrutable.experiments.alpha_run import read_linear_world
 
         if self.covariance is not None:
-            risk: Any = _square(self.covariance)
+            risk: Any = covariance_of(self.covariance)
         else:
             assert self.returns is not None
             history = read_returns(self.returns)
@@ -105,16 +105,10 @@ class AlphaOptions:
         return AlphaDecisionMaker(
             AlphaProblem(risk, self.risk_aversion, region, loads, trading_cost=self.trading_cost),
             _budget(budget),
-            prior_covariance=_square(self.prior_covariance),
+            prior_covariance=None if self.prior_covariance is None else covariance_of(self.prior_covariance),
             world=None if self.world is None else read_linear_world(self.world),
             objective=self.objective,
         )
-
-
-def _square(path: Path | None) -> pd.DataFrame | None:
-    from inscrutable.datasets import read_labelled_matrix
-
-    return None if path is None else read_labelled_matrix(path, is_square=True)
 
 
 def _budget(given: str | None) -> Budget:
@@ -225,7 +219,7 @@ def backtest_means(
         None if options.alphas == _MOMENTUM else read_signals(options.alphas),
         AlphaSettings(budget=_budget(budget), objective=options.objective or "information", **chosen),
         riskless=riskless,
-        prior_covariance=_square(options.prior_covariance),
+        prior_covariance=None if options.prior_covariance is None else covariance_of(options.prior_covariance),
         world=None if options.world is None else read_linear_world(options.world),
     )
     files = replaced(folder, "backtest", write_alphas(found, folder), speech)

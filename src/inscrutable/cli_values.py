@@ -66,6 +66,26 @@ def amount_of(text: str, option: str) -> float:
     return _number(text[:-2], option) / BASIS_POINTS if text.endswith("bp") else _number(text, option)
 
 
+def covariance_of(path: Path) -> pd.DataFrame:
+    """Return the covariance of a file; one that is not symmetric is refused with two entries named."""
+    import numpy as np
+
+    from inscrutable import tolerances
+    from inscrutable.datasets import read_labelled_matrix
+    from inscrutable.errors import InputError
+
+    table = read_labelled_matrix(path, is_square=True)
+    values = table.to_numpy()
+    apart = np.abs(values - values.T)
+    if apart.max() > tolerances.SYMMETRY * np.abs(values).max():
+        one, other = (str(table.columns[int(place)]) for place in np.unravel_index(int(apart.argmax()), apart.shape))
+        raise InputError(
+            f"{path} is not symmetric: {one}, {other} is {table.loc[one, other]:g}, but {other}, {one} is "
+            f"{table.loc[other, one]:g}"
+        )
+    return table
+
+
 def whole_number(type_: Any, tokens: Sequence[Token]) -> int:
     """Return a typed whole number; 1.5 is an error and is not rounded."""
     text = tokens[0].value

@@ -18,6 +18,7 @@ from inscrutable.cli_values import (
     UsageError,
     Whole,
     amount_of,
+    covariance_of,
     writable_folder,
 )
 from inscrutable.labels import label_text
@@ -107,15 +108,20 @@ def views(
 
 def _read(problem: AlphaProblem, of: tuple[Path, Any, pd.Series], **how: Any) -> ImpliedViews:
     """The views of one row of a file."""
+    from inscrutable import tolerances
     from inscrutable.alphas import implied_views
     from inscrutable.errors import InputError
 
     path, label, row = of
+    digits = how["digits"]
     try:
+        if digits is not None:  # the sum of rounded weights is off by half a unit of the last digit for each
+            problem.check_weights(row, beyond=0.5 * 0.1**digits * problem.n_assets + tolerances.FEASIBILITY)
         return implied_views(problem, row, **how)
     except InputError as error:
-        rounded = "" if how["digits"] is not None else "; rounded weights need --digits, such as --digits 3"
-        raise InputError(f"{path}, row {label_text(label)}: {error}{rounded}") from None
+        hint = "; rounded weights need --digits, such as --digits 3" if digits is None else ""
+        where = f"{path}, row {label_text(label)}"
+        raise InputError(f"{where}: {error}{hint}; percentages have to be divided by 100") from None
 
 
 def _numbers(path: Path, option: str) -> pd.DataFrame:
@@ -151,13 +157,13 @@ def _problem(
     """The decision problem of the options, in the order of the weights' columns."""
     from inscrutable.alphas import AlphaProblem, FactorRisk
     from inscrutable.axes import Axis
-    from inscrutable.datasets import read_labelled_matrix, read_returns
+    from inscrutable.datasets import read_returns
     from inscrutable.errors import InputError
 
     assets = list(table.columns)
     risk: Any
     if covariance is not None:
-        given = read_labelled_matrix(covariance, is_square=True)
+        given = covariance_of(covariance)
         Axis("asset", tuple(assets)).order(tuple(given.columns), f"{covariance}")
         risk = given.loc[assets, assets]
     else:

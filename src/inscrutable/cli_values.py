@@ -78,10 +78,11 @@ def covariance_of(path: Path) -> pd.DataFrame:
     values = table.to_numpy()
     apart = np.abs(values - values.T)
     if apart.max() > tolerances.SYMMETRY * np.abs(values).max():
-        one, other = (str(table.columns[int(place)]) for place in np.unravel_index(int(apart.argmax()), apart.shape))
+        row, column = map(int, np.unravel_index(int(apart.argmax()), apart.shape))
+        one, other = table.columns[row], table.columns[column]
         raise InputError(
-            f"{path} is not symmetric: {one}, {other} is {table.loc[one, other]:g}, but {other}, {one} is "
-            f"{table.loc[other, one]:g}"
+            f"{path} is not symmetric: {one}, {other} is {values[row, column]:g}, but {other}, {one} is "
+            f"{values[column, row]:g}"
         )
     return table
 

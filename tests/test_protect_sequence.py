@@ -142,6 +142,8 @@ def test_the_belief_of_the_next_step_comes_from_the_returns_so_far(
         assert main([*call, *belief]) == 0
         told.append(json.loads(capsys.readouterr().out))
     assert told[0]["expected_regret"] == pytest.approx(told[1]["expected_regret"], rel=1e-9)
+    assert main([*call[:-2], "--returns", str(tmp_path / "returns.csv")]) == 0
+    assert "Caution: if these returns are public" in capsys.readouterr().out
     for wrong, said in (
         (["--out", "x", "--belief", "1,0"], "--out does not go"),
         ([], "one of --belief and --returns"),

@@ -78,3 +78,8 @@ def protect_next(
         results().print(f"Publish these weights, which are recorded: {found.written(found.published)}.")
     for line in found.summary().splitlines():
         results().print(line)
+    if isinstance(belief, Path):
+        results().print(
+            "Caution: if these returns are public, an observer who follows them with this model has the same belief without "
+            "any weights, and nothing hides it."
+        )

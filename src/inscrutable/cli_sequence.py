@@ -66,7 +66,9 @@ def protect_next(
     investor = investor_of(model, limits)
     held, periods = belief_after(belief, investor, speech) if isinstance(belief, Path) else (belief, [])
     if not state.exists():
-        speech.log(f"No sequence in {state} yet: the prices that spend the budget in the long run are computed once.")
+        speech.log(
+            f"No sequence in {state} yet: it is begun, with this budget and the prices that spend it in the long run."
+        )
     limit = None if asked is None else budget_in(investor.world, investor.problem, asked)
     rng = None if seed is None else np.random.default_rng(seed)
     found = protect_step(investor, held, state, limit, publish=publish, rng=rng, periods=periods)

@@ -33,6 +33,10 @@ ASSETS, REGIMES = ("A", "B", "C"), ("calm", "turbulent")
 BELIEF = [0.25, 0.75]
 MEANS, SPREADS = np.array([[0.02, 0.0, 0.01], [-0.03, 0.01, 0.0]]), np.array([0.002 * np.eye(3), 0.006 * np.eye(3)])
 
+TWO_MONTHS = pd.DataFrame(
+    [[0.02, 0.01, 0.0], [-0.1, 0.0, 0.02]], pd.Index(["2024-01-31", "2024-02-29"], name="date"), list(ASSETS)
+)
+
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory):
@@ -126,10 +130,8 @@ def test_the_belief_of_the_next_step_comes_from_the_returns_so_far(
     small, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     model, file, state, _ = small
-    rows = pd.DataFrame(
-        [[0.02, 0.01, 0.0], [-0.1, 0.0, 0.02]], columns=["A", "B", "C"], index=["2024-01-31", "2024-02-29"]
-    )
-    rows[["C", "A", "B"]].rename_axis("date").to_csv(tmp_path / "returns.csv")
+    rows = TWO_MONTHS
+    rows[["C", "A", "B"]].to_csv(tmp_path / "returns.csv")
     held = np.array([2.0, 1.0]) / 3.0  # the chain's long-run law
     for row in rows.to_numpy():
         seen = [multivariate_normal.pdf(row, mean, cov) for mean, cov in zip(MEANS, SPREADS, strict=True)]
@@ -156,13 +158,10 @@ def test_one_decision_is_published_for_each_month_of_returns(
     small, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, file, state, _ = small
-    rows = pd.DataFrame(
-        [[0.02, 0.01, 0.0], [-0.1, 0.0, 0.02]], columns=["A", "B", "C"], index=["2024-01-31", "2024-02-29"]
-    ).rename_axis("date")
     copy, returns = shutil.copy(state, tmp_path / "state"), tmp_path / "returns.csv"
     call = ["protect", "--model", str(file), "--state", str(copy), "--returns", str(returns), "--json", "-q"]
     for months, code in ((1, 0), (1, 3), (2, 0), (1, 3), (2, 3)):
-        rows[:months].to_csv(returns)
+        TWO_MONTHS[:months].to_csv(returns)
         before = Path(copy).read_bytes()
         assert main([*call, "--publish", "--seed", "1"]) == code
         assert (Path(copy).read_bytes() == before) == (code != 0)

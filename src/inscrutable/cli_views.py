@@ -114,14 +114,15 @@ def _read(problem: AlphaProblem, of: tuple[Path, Any, pd.Series], **how: Any) ->
 
     path, label, row = of
     digits = how["digits"]
+    # The sum of rounded weights is off by at most half a unit of the last digit for each.
+    rounding = 0.0 if digits is None else 0.5 * 0.1**digits * problem.n_assets
     try:
-        if digits is not None:  # the sum of rounded weights is off by half a unit of the last digit for each
-            problem.check_weights(row, beyond=0.5 * 0.1**digits * problem.n_assets + tolerances.FEASIBILITY)
-        return implied_views(problem, row, **how)
+        problem.check_weights(row, beyond=rounding + tolerances.FEASIBILITY)
     except InputError as error:
         hint = "; rounded weights need --digits, such as --digits 3" if digits is None else ""
         where = f"{path}, row {label_text(label)}"
         raise InputError(f"{where}: {error}{hint}; percentages have to be divided by 100") from None
+    return implied_views(problem, row, **how)
 
 
 def _numbers(path: Path, option: str) -> pd.DataFrame:

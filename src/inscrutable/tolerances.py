@@ -541,8 +541,9 @@ WAY_END = 1e-6
 """Share of the longest way along which exposures can be moved that is left where bounds of views are searched: at its end the
 decisions are one point, and programmes over it are degenerate."""
 
-ROUGH_RAY = 1e-3
-"""Share of a ray's length to which its end is found while directions are compared: what one gains over another is larger."""
+LEAST_RAY_GAIN = 1e-3
+"""Relative gain of a distance between views below which the rays of one start end. Of 70 capped problems of 4 and 12 assets
+four gain up to .04 % with a hundredth, in 1.4 times the time; with ten times as much four lose up to .1 %, in .8 times."""
 
 SETS_EXPLAINED = 1e-4
 """Distance of sets of beliefs from the steps of a filter up to which a sensor explains them: the search among sensors ends

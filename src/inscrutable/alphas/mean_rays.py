@@ -54,7 +54,7 @@ class MeanRays:
             if reached <= distance:
                 return distance, found
             gain, distance, found = reached - distance, reached, weights
-            if gain <= tolerances.ROUGH_RAY * reached:
+            if gain <= tolerances.LEAST_RAY_GAIN * reached:
                 return distance, found
             way = self._steepest(apart)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import multivariate_normal
 
 from inscrutable.adversaries import consistent_beliefs
 from inscrutable.budgets import Budget
@@ -89,6 +90,23 @@ def test_other_measures_and_a_budget_of_nothing() -> None:
     missed = protect(MODEL, BELIEFS[:1], 0.1, NonExistence(), rng=np.random.default_rng(4))
     assert missed.deterministic.privacy[0] == 0.0
     assert missed.deterministic.belief_set[0].distance(BELIEFS[0]) >= 0.01 - 1e-9
+
+
+def test_the_verdict_says_what_silence_costs() -> None:
+    """Against a path of the filter that is written out: the mean regret of the portfolio for the mean belief."""
+    world, problem, rng = MODEL.world, MODEL.problem, np.random.default_rng(11)
+    seen, belief, path = world.sample(20_000, rng=rng).observations, world.initial, []
+    densities = [multivariate_normal(*each).pdf(seen) for each in zip(problem.means, problem.covariances, strict=True)]
+    for likelihood in np.array(densities).T:
+        belief = belief * likelihood / (belief @ likelihood) @ world.transition
+        path.append(belief)
+    own = problem.solve(np.mean(path, axis=0))
+    silence = np.mean([problem.regret(each, own) for each in path[::20]])
+    for budget, dearer in ((0.2 * silence, False), (3.0 * silence, True)):
+        said = protect(MODEL, BELIEFS[:1], Budget.regret(budget), rng=np.random.default_rng(1)).verdict
+        told = float(said.partition("reveals nothing and costs ")[2].split()[0])
+        assert told == pytest.approx(silence, rel=0.1)
+        assert ("not more than these weights" in said) == dearer
 
 
 @pytest.mark.parametrize(

@@ -22,10 +22,11 @@ from inscrutable import (
     SequentialDecisionMaker,
 )
 from inscrutable.cli import main
-from inscrutable.experiments import protect_sequence
+from inscrutable.experiments import protect_sequence, silence
 from inscrutable.experiments.attack import attack_weights
 from inscrutable.experiments.attack_over_time import attack_over_time
 from inscrutable.experiments.protect_sequence import protect_step
+from inscrutable.experiments.silence import chain_of
 from sizes import instances
 from small_runs import short_simulations
 
@@ -46,7 +47,7 @@ def small(tmp_path_factory: pytest.TempPathFactory):
     model = InvestorModel(world, problem, ASSETS, REGIMES, Budget.regret(2e-4), "made for a test")
     folder = tmp_path_factory.mktemp("sequence")
     with pytest.MonkeyPatch.context() as patch, short_simulations():
-        patch.setattr(protect_sequence, "resolution_for", lambda n_states: 6)
+        patch.setattr(silence, "resolution_for", lambda n_states: 6)
         begun = protect_step(model, BELIEF, folder / "state", Budget.regret(2e-4), rng=np.random.default_rng(0))
         yield model, model.save(folder / "model.json"), folder / "state", begun
 
@@ -86,7 +87,7 @@ def test_a_published_decision_is_remembered(small, tmp_path: Path) -> None:
 def test_the_budget_is_that_of_the_file_and_of_a_new_one_half_of_silence(small, tmp_path: Path) -> None:
     model, _, state, begun = small
     assert begun.budget == protect_step(model, BELIEF, state).budget == 2e-4
-    prior = protect_sequence.chain_of(model).prior
+    prior = chain_of(model.world).prior
     costs = model.problem.state_costs(model.problem.solve(prior.beliefs))
     known = prior.weights @ (prior.beliefs * costs).sum(axis=1)
     silence = model.problem.optimal_cost(prior.weights @ prior.beliefs) - known
@@ -146,6 +147,9 @@ def test_the_belief_of_the_next_step_comes_from_the_returns_so_far(
     assert told[0]["expected_regret"] == pytest.approx(told[1]["expected_regret"], rel=1e-9)
     assert main([*call[:-2], "--returns", str(tmp_path / "returns.csv")]) == 0
     assert "Caution: if these returns are public" in capsys.readouterr().out
+    once = ["protect", "--model", str(file), "--returns", str(tmp_path / "returns.csv"), "-q"]
+    assert main(once) == 0
+    assert "Caution: if these returns are public" in capsys.readouterr().out
     for wrong, said in (
         (["--out", "x", "--belief", "1,0"], "--out does not go"),
         ([], "one of --belief and --returns"),
@@ -167,6 +171,22 @@ def test_one_decision_is_published_for_each_month_of_returns(
         assert (Path(copy).read_bytes() == before) == (code != 0)
         assert main(call) == 0  # a look is free
     assert "has a decision on data to 2024-02-29 already, and these end at 2024-02-29" in capsys.readouterr().err
+    days = ["2024-01-31", "2024-02-28", "2024-03-29"]  # the same month by another date, and one more
+    pd.DataFrame(TWO_MONTHS.to_numpy()[[0, 1, 1]], pd.Index(days, name="date"), TWO_MONTHS.columns).to_csv(returns)
+    assert main([*call, "--publish"]) == 3
+    assert "has a decision on data to 2024-02-29, a date that these returns do not have" in capsys.readouterr().err
+
+
+def test_a_decision_without_a_date_says_so_and_a_missing_folder_is_made(small, tmp_path: Path) -> None:
+    model, _, state, _ = small
+    copy = Path(shutil.copy(state, tmp_path / "state"))
+    said = "No date is recorded: publish once a period"
+    assert said not in protect_step(model, BELIEF, copy).summary()
+    assert said in protect_step(model, BELIEF, copy, publish=True).summary()
+    assert said not in protect_step(model, BELIEF, copy, publish=True, periods=["2024-01-31"]).summary()
+    new = tmp_path / "some" / "where" / "state"
+    assert protect_step(model, BELIEF, new, Budget.regret(1.0)).n_published == 0
+    assert new.exists()
 
 
 def test_months_without_a_decision_pass_for_the_observer(small, tmp_path: Path) -> None:
@@ -178,7 +198,7 @@ def test_months_without_a_decision_pass_for_the_observer(small, tmp_path: Path) 
     looked = [protect_step(model, BELIEF, copy, periods=months[:n]) for n in (2, 3)]
     assert [each.n_skipped for each in looked] == [0, 1]
     np.testing.assert_allclose(looked[0].before, protect_step(model, BELIEF, copy).before, atol=1e-12)
-    chain = protect_sequence.chain_of(model)
+    chain = chain_of(model.world)
     sequence = SequentialDecisionMaker(model.problem, Budget.regret(2e-4), chain=chain, rng=np.random.default_rng(0))
     law = sequence.begin().load(copy).observer.weights
     for found in looked:
@@ -193,7 +213,7 @@ def test_the_summary_names_the_ceiling_and_a_belief_off_the_grid(small) -> None:
     assert f"between the {begun.n_beliefs} beliefs of the grid" in begun.summary()
     assert f"the ceiling is {begun.ceiling:.3f}, on a grid of {begun.n_beliefs} beliefs" in begun.summary()
     assert begun.long_run_error <= 1.02 * begun.ceiling <= 1.02 * begun.prior_error
-    on_grid = protect_step(model, protect_sequence.chain_of(model).prior.beliefs[0], state)
+    on_grid = protect_step(model, chain_of(model.world).prior.beliefs[0], state)
     assert not on_grid.is_off_grid
     assert "beliefs of the grid, as most" not in on_grid.summary()
 
@@ -278,7 +298,7 @@ def test_a_sequence_of_another_model_is_refused(small) -> None:
 
 def test_optimal_weights_of_beliefs_of_the_grid_are_read_exactly(small) -> None:
     model, _, _, _ = small
-    beliefs = protect_sequence.chain_of(model).prior.beliefs[[1, 2]]
+    beliefs = chain_of(model.world).prior.beliefs[[1, 2]]
     published = pd.DataFrame(model.problem.solve(beliefs), columns=list(ASSETS))
     found = attack_over_time(attack_weights(model, published), "optimal")
     np.testing.assert_allclose(found.inferred.mean, beliefs, atol=1e-9)

@@ -23,7 +23,7 @@ from inscrutable.cli_console import Speech, library_log, replaced, results, show
 from inscrutable.cli_disclose import disclose
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
 from inscrutable.cli_limits import WeightOptions, one_row, weights_of
-from inscrutable.cli_sequence import belief_after, belief_now, protect_next
+from inscrutable.cli_sequence import IF_PUBLIC, belief_after, belief_now, protect_next
 from inscrutable.cli_study import AGAIN, STUDY, resumable, study, was_told
 from inscrutable.cli_values import (
     DATA,
@@ -454,6 +454,8 @@ def protect(
         speech.summary(protect_summary(found))
         return
     _show_protection(found)
+    if means.returns is not None:
+        results().print(IF_PUBLIC)
     speech.files(files)
 
 

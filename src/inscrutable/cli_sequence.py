@@ -13,6 +13,11 @@ if TYPE_CHECKING:
     from inscrutable.experiments.own_model import LimitsPart
     from inscrutable.validation import Array
 
+IF_PUBLIC = (
+    "Caution: if these returns are public, an observer who follows them with this model has the same belief without any "
+    "weights, and nothing hides it."
+)
+
 
 def belief_now(belief: str | None, returns: Path | None, refused: dict[str, Any]) -> list[float] | Path:
     """Return the belief, or the file of returns that it follows from; other options do not go with a sequence."""
@@ -81,7 +86,4 @@ def protect_next(
     for line in found.summary().splitlines():
         results().print(line)
     if isinstance(belief, Path):
-        results().print(
-            "Caution: if these returns are public, an observer who follows them with this model has the same belief without "
-            "any weights, and nothing hides it."
-        )
+        results().print(IF_PUBLIC)

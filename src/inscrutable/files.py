@@ -78,7 +78,7 @@ def read_json(path: Path, what: str) -> Any:
     try:
         return json.loads(path.read_text("utf-8"))
     except OSError as error:
-        raise InputError(f"{path} cannot be read: {reason(error)}") from None
+        raise InputError(f"{path} cannot be read: {reason(error)}; expected {what}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path} is not UTF-8 text; expected {what}") from None
     except json.JSONDecodeError as error:

@@ -83,7 +83,7 @@ class Saved:
             # Read whole first: numpy leaves a damaged file open.
             held = source.read_bytes()
             if not held.startswith(b"PK"):
-                raise InputError("it is no npz archive such as `save` writes")
+                raise InputError("it was not written by this package")
             with np.load(io.BytesIO(held), allow_pickle=False) as stored:
                 described = json.loads(str(stored["description"]))
                 if described.get("format") != _FORMAT:

@@ -23,7 +23,8 @@ from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Attack, Reading
 from inscrutable.experiments.backtest_aware import doubted
 from inscrutable.experiments.investor_model import InvestorModel
-from inscrutable.experiments.protect_sequence import chain_of, sequence_budget
+from inscrutable.experiments.protect_sequence import sequence_budget
+from inscrutable.experiments.silence import chain_of
 from inscrutable.mechanisms import mechanism
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.played import PlaysMany
@@ -116,7 +117,7 @@ def attack_over_time(
         [0.8, 0.3]
     """
     model = attack.model
-    chain = chain_of(model)
+    chain = chain_of(model.world)
     known = _mechanism(model, chain, rule, None if budget is None else as_budget(budget), state)
     # For the sequential rule the chain is its own; for others the chain rules out no move.
     followed = SequentialAdversary(chain if rule == "sequential" else doubted(chain), known)

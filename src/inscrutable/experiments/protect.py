@@ -27,6 +27,7 @@ from inscrutable.experiments.attack import Attack, Reading
 from inscrutable.experiments.episodes import part_of
 from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
 from inscrutable.experiments.investor_model import InvestorModel, checked_model
+from inscrutable.experiments.silence import silence_in
 from inscrutable.geometry import BeliefSet
 from inscrutable.privacy import DesiredObfuscation, PrivacyMeasure
 from inscrutable.validation import Array
@@ -94,14 +95,15 @@ class Protection:
 
     @cached_property
     def verdict(self) -> str:
-        """Whether the beliefs are hidden from the naive observer, who takes the weights at face value; its error for one.
+        """Whether the beliefs are hidden from the naive observer, who takes the weights at face value, and what silence costs.
 
-        An observer without weights estimates the stationary law of the model's regimes, and names its likeliest regime. The
-        text is empty where that law is not unique.
+        For one belief it has the observer's error. An observer without weights estimates the stationary law of the model's
+        regimes, and names its likeliest regime. The text is empty where that law is not unique.
         """
         world = self.model.world
         try:
             long_run = HiddenMarkovModel(world.transition, world.emission).initial
+            silence = silence_in(world, self.model.problem)
         except ModelError:
             return ""
         without = estimate_quality(np.tile(long_run, (len(self), 1)), self.beliefs)
@@ -114,18 +116,22 @@ class Protection:
                 ("PDM", self.drawn.belief_set),
             )
         ]
+        dearer = float(np.mean(self.deterministic.regret)) >= silence > 0.0
+        than = f"Silence, a constant portfolio, reveals nothing and costs {silence:.3g} of regret a row on average" + (
+            ": not more than these weights." if dearer else "."
+        )
         if len(self) == 1:
             told = ("explained by no belief" if np.isnan(each.error) else f"{each.error:.2f}" for each in reached)
             errors = ", ".join(f"{each.name} {error}" for each, error in zip(reached, told, strict=True))
             return (
                 "Error of the naive observer, who takes the weights at face value: "
-                f"{errors}; without weights {asked.error_without:.2f}.\n"
+                f"{errors}; without weights {asked.error_without:.2f}.\n{than}\n"
                 "A backtest and a comparison judge whether many decisions are hidden, also from the aware observer, who knows "
                 "the rule."
             )
         return (
             f"Hidden from the naive observer, who takes the weights at face value: {asked.judge(reached[1:], reached[0])}.\n"
-            f"{asked.meaning(without='weights', state='regime', cases='the rows')}\n"
+            f"{asked.meaning(without='weights', state='regime', cases='the rows')}\n{than}\n"
             "A backtest and a comparison judge the aware observer, who knows the rule."
         )
 

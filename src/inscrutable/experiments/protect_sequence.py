@@ -13,20 +13,18 @@ from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.budgets import Budget, SilenceShare, as_budget
+from inscrutable.datasets import output_folder
 from inscrutable.decision_makers import DecisionSequence, MixedDecision, SequentialDecisionMaker
 from inscrutable.decision_makers.sequential.sequence import StepFigures
 from inscrutable.decision_makers.sequential.state import SequenceState
 from inscrutable.errors import InputError
-from inscrutable.experiments.backtest_aware import resolution_for
 from inscrutable.experiments.backtest_sequential import SHARE_OF_SILENCE
 from inscrutable.experiments.investor_model import BASIS_POINTS, InvestorModel, checked_model
+from inscrutable.experiments.silence import chain_of
 from inscrutable.mechanisms import Prior
-from inscrutable.mechanisms.chains import BeliefChain, predicted_chain
 from inscrutable.privacy.leaks import silence_regret
 from inscrutable.validation import Array
 
-_CHAIN_SEED = 0
-"""Seed of the simulated path for the chain of beliefs: the same at every step, and public."""
 _LEAST_SHOWN = 0.0005  # a weight below this is 0.0 per cent
 
 
@@ -55,6 +53,7 @@ class ProtectedStep:
         budget: Long-run mean regret allowed, in the cost's unit.
         silence: The silence regret, that of one constant portfolio, by the law of the belief.
         n_skipped: Periods since the last decision that had none.
+        is_dated: Whether the period of the decision is known.
     """
 
     model: InvestorModel
@@ -77,6 +76,7 @@ class ProtectedStep:
     budget: float
     silence: float
     n_skipped: int = 0
+    is_dated: bool = False
 
     def table(self) -> pd.DataFrame:
         """Return one row per portfolio of the lottery, the likeliest first: probability, regret and weights."""
@@ -159,6 +159,8 @@ class ProtectedStep:
             )
         if self.after is not None:
             lines.append(f"With the weights published now it holds {self._named(self.after)}.")
+            if not self.is_dated:
+                lines.append("No date is recorded: publish once a period, as each time counts as one more.")
         lines.append(
             f"{_counted(self.n_published)} published so far: {BASIS_POINTS * self.spent:.3g} bp of wealth, {self.told:.3f} "
             f"bits. In the long run the observer's error is {self.long_run_error:.3f}; the ceiling is {self.ceiling:.3f}, on a "
@@ -188,11 +190,6 @@ def _counted(count: int) -> str:
     return f"{count} decision" if count == 1 else f"{count} decisions"
 
 
-def chain_of(model: InvestorModel) -> BeliefChain:
-    """Return the chain of the investor's belief about the next row, on a grid; the same at every call."""
-    return predicted_chain(model.world, resolution_for(model.world.n_states), rng=np.random.default_rng(_CHAIN_SEED))
-
-
 def protect_step(
     model: InvestorModel,
     belief: ArrayLike,
@@ -220,7 +217,7 @@ def protect_step(
 
     Raises:
         InputError: An argument is malformed, the file is damaged or of another problem or budget, or in use, or has a decision
-            on the last period or a later one; it is unchanged.
+            on the last period or a later one, or on a date between the periods; it is unchanged.
         SolverError: No price was found at which the budget is met.
 
     Cost: some milliseconds, plus a calibration of up to a minute for a new file.
@@ -243,7 +240,9 @@ def protect_step(
     problem, path = model.problem, Path(state)
     held = validation.one_belief(belief, problem.n_states, names=model.regimes)
     source = np.random.default_rng() if rng is None else validation.generator(rng)
-    chain = chain_of(model)
+    if not path.exists():
+        output_folder(path.parent)  # before the minute of its calibration
+    chain = chain_of(model.world)
     limit = sequence_budget(model, chain.prior, path) if budget is None else as_budget(budget)
     maker = SequentialDecisionMaker(problem, limit, chain=chain, turnover=model.turnover, rng=source)
     sequence = maker.begin()
@@ -253,7 +252,8 @@ def protect_step(
         else:
             sequence.save(path)
         skipped = _begin(sequence, periods, path, publish=publish)
-        return replace(_step(model, held, (maker, sequence), path, source if publish else None), n_skipped=skipped)
+        step = _step(model, held, (maker, sequence), path, source if publish else None)
+        return replace(step, n_skipped=skipped, is_dated=bool(periods))
     finally:
         sequence.close()
 
@@ -268,6 +268,11 @@ def sequence_budget(model: InvestorModel, prior: Prior, path: Path) -> Budget:
 def _begin(sequence: DecisionSequence, periods: Sequence[str], path: Path, *, publish: bool) -> int:
     """Let the time since the last decision pass, and note that of the next; return how many periods had no decision."""
     last, now = sequence.period, periods[-1] if periods else None
+    if last is not None and periods and periods[0] < last < periods[-1] and last not in periods:
+        raise InputError(
+            f"{path} has a decision on data to {last}, a date that these returns do not have: a date that was changed would "
+            "count as one more period. Give the returns with their former dates"
+        )
     new = 0 if last is None else sum(each > last for each in periods)
     if publish and last is not None and now is not None and not new:
         raise InputError(

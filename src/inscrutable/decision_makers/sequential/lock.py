@@ -27,7 +27,7 @@ class FileLock:
         try:
             self._held = os.open(beside, os.O_RDWR | os.O_CREAT, 0o600)
         except OSError as error:
-            raise unwritten(beside, error) from error
+            raise unwritten(path, error) from error
         try:
             _take(self._held)
         except OSError:

@@ -1,7 +1,7 @@
 """The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, disclose, audit, views, studies, compile.
 
 Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data or a full disk,
-4 no solution, 130 interrupted.
+4 no solution, or doubts with `--strict`, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ app = App(
     name="inscrutable",
     help="What does my decision give away, how do I change that, and what does it cost?",
     help_epilogue=(
-        "Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data or a full disk, 4 no solution, 130 interrupted. "
-        "`inscrutable VERB --help` says what a verb takes. Decisions may be altered, never a disclosure that the law "
+        "Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data or a full disk, 4 no solution, or doubts with --strict, 130 "
+        "interrupted. `inscrutable VERB --help` says what a verb takes. Decisions may be altered, never a disclosure that the law "
         "prescribes."
     ),
     help_format="plaintext",

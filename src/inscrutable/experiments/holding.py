@@ -119,7 +119,7 @@ class Requirement:
         missed = [each for each in known if not self.is_met(each)]
         told = f"by {self._listed(held)}" if held else "by none"
         if missed:
-            told += f"{', not by' if held else ':'} {self._listed(missed)}"
+            told += f", not by {self._listed(missed)}"
         return f"{told} ({unread})" if blind else told
 
     def _listed(self, reached: Sequence[Reached]) -> str:

@@ -58,7 +58,8 @@ def paired(secrets: Any, published: Any, lags: Sequence[int], kind: Kind | None)
     _say_missing(int((both & ~whole).sum()), edge, notes)
     if whole.sum() < LEAST_ROWS:
         raise InputError(
-            f"{int(whole.sum())} rows of secrets and published decisions have nothing missing, expected at least {LEAST_ROWS}"
+            f"{int(whole.sum())} rows have a secret, a published decision and nothing missing, expected at least {LEAST_ROWS}"
+            + "".join(f"; {note}" for note in notes)
         )
     targets = tuple(_target(hidden[name][whole], kind, notes) for name in hidden.columns)
     table, columns, of_lag = features[whole], [*decisions.columns] * len(lags), np.repeat(lags, decisions.shape[1])

@@ -295,7 +295,7 @@ def test_the_sentence_has_no_nan_where_no_weights_make_sense(found: Backtest) ->
 
 def test_a_budget_of_regret_is_said_as_such(found: Backtest) -> None:
     shifted = replace(found, settings=replace(found.settings, budget=Budget.regret(0.01)))
-    assert any("each stays within a regret of 0.01" in each for each in limits(shifted))
+    assert any("CDM and PDM: regret of 0.01 each month" in each for each in limits(shifted))
 
 
 def test_a_target_for_every_step_has_no_mechanism() -> None:

@@ -21,7 +21,8 @@ from inscrutable.geometry.grids import simplex_grid
 from inscrutable.mechanisms import mechanism
 from inscrutable.mechanisms.chains import predicted_chain
 from inscrutable.privacy import DesiredObfuscation
-from inscrutable.reports.backtest import summary_data, table_of, text_of, write_backtest
+from inscrutable.privacy.leaks import silence_regret
+from inscrutable.reports.backtest import notes_of, summary_data, table_of, text_of, write_backtest
 from inscrutable.reports.backtest_verdict import limits, verdict
 from small_runs import coarse_rivals, short_simulations
 
@@ -140,11 +141,11 @@ def test_what_is_said_of_it(found: Backtest, tmp_path: Path) -> None:
     prices, figures = found.sequential.maker.calibration, found.figures["SDM"]
     assert prices.loss - 4.0 * prices.loss_se <= figures["error_ceiling"] ** 2
     said = "\n".join(limits(found))
-    assert "SDM within 50% of the silence regret, " in said
-    assert (
-        "in expectation over the long run of the fitted regimes, by the model, more in single months; realised: "
-        in said
-    )
+    assert "(50% of the silence regret), on average over the long run of the fitted regimes; a single month" in said
+    prior = found.sequential.maker.chain.prior
+    silence = silence_regret(found.problem, prior.beliefs, prior.weights)
+    assert found.sequential.maker.limit == pytest.approx(0.5 * silence)
+    assert f"and {1e4 * silence:.2f} in the long run of the fitted regimes (the silence regret" in notes_of(found)[-1]
     assert (
         f"and {figures['error_ceiling']:.2f}, in the long run of the fitted regimes. There the error without weights is "
         f"{found.sequential.maker.chain.prior.error:.2f}; in these months it is {figures['error_without']:.2f}" in said
@@ -205,7 +206,7 @@ def test_a_budget_of_its_own_none_and_what_it_is_not_played_for(monkeypatch: pyt
     given = run_backtest(returns, replace(SETTINGS, budget=Budget.regret(1e-4)), restarts=1)
     assert given.sequential is not None
     assert given.sequential.maker.limit == 1e-4
-    assert not any("silence regret, in the long run" in each for each in limits(given))
+    assert not any("of the silence regret" in each for each in limits(given))
     assert run_backtest(returns, replace(SETTINGS, budget=Budget.regret(0.0)), restarts=1).sequential is None
     steps = replace(SETTINGS, measure=DesiredObfuscation(np.tile([0.3, 0.7], (6, 1))))
     assert run_backtest(returns, steps, restarts=1).sequential is None

@@ -28,7 +28,7 @@ for name, share in zip(regimes, world.initial, strict=True):
     print(f"{name:7} {share:.2f}")
 
 # %%
-# These are ten years of observations. Randomness always enters through a generator that the caller passes.
+# These are ten years of observations. Simulations need a generator from the caller.
 
 path = world.sample(120, rng=np.random.default_rng(3))
 months = np.arange(120)

@@ -2,8 +2,8 @@
 Privacy
 =======
 
-*Privacy* Ψ is the error of the naive observer. The paper has five measures of how Π(u) differs from the true belief π. The one used
-most, *maximal obfuscation*, is the distance of the belief from Π(u):
+*Privacy* Ψ says how much the naive observer is misled: how Π(u), the beliefs that it takes for possible, differs from the true belief
+π. The paper has five measures of this. The one used most, *maximal obfuscation*, is the distance of the belief from Π(u):
 
 .. code-block:: text
 
@@ -49,7 +49,7 @@ for measure in (
 
 # %%
 # An agent that hides plays the optimal decision of another belief, a *decoy* (the field: a misreport). Every decoy has a privacy and a
-# regret. The decoys with a regret of at most a tenth of ``|c*|`` form a region around the belief; the counter-adversarial decision maker plays the
+# regret. The decoys with a regret of at most a tenth of ``|c*|``, the size of the optimal cost, form a region around the belief; the counter-adversarial decision maker plays the
 # decision of the most private one.
 
 candidates = decoy_grid(problem, 60)

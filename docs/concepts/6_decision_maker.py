@@ -45,7 +45,7 @@ print(cdm.summary(), pdm.summary(), sep="\n\n")
 
 # %%
 # On the left are the portfolios, on the right the beliefs that explain them. The bars are the decisions of the lottery; their heights are the
-# probabilities. A draw without a generator uses the operating system's entropy, because a known seed reveals the draw.
+# probabilities. A draw to be published needs no generator: it then uses the operating system's entropy, because a known seed reveals the draw.
 
 drawn = pdm.sample(rng=np.random.default_rng(0))
 with drawing(7.4, 3.4, ncols=2, subplot_kw={"projection": "ternary"}) as (

@@ -60,8 +60,8 @@ print(f"in the long run {steady_filter(world).covariance[0, 0]:.3f}")
 #
 # where N_C(u) is the normal cone of the active constraints. Without constraints that is one point, which is Sharpe's reverse
 # optimisation and the prior of Black and Litterman. A budget row leaves a common shift free, so that only differences are identified;
-# a weight at a limit gives one inequality. Differences are best taken from an asset off its limits: a portfolio that holds an asset at its
-# cap may have any expected return above a number. The factors of a risk model are never multiplied out: thousands of assets take milliseconds.
+# a weight at a limit gives one inequality. Differences are best taken from an asset that is not at a limit: the weights give only a lower
+# bound of the expected return of an asset at its cap. The factors of a risk model are never multiplied out: thousands of assets take milliseconds.
 
 rng = np.random.default_rng(3)
 names = ["Food", "Oil", "Chips", "Banks", "Drugs", "Cars", "Power", "Shops"]
@@ -86,7 +86,7 @@ with drawing(7.0, 2.8, ncols=2, sharey=True) as (figure, axes):
 # How far from the truth
 # ----------------------
 #
-# The paper's measures apply to implied views as to sets of beliefs. Within a regret r, and without inequalities, the
+# The paper's measures apply to implied views as to sets of beliefs. Within a regret r, and without constraints, the
 # farthest view lies along the riskiest direction, at √(4γ r λ), with λ the largest eigenvalue of V: there an error in expected returns
 # moves weights least. Under limits the search follows rays from m until the budget is spent, and keeps weights off their
 # limits by the least slack: a weight at a limit is explained by all views on one side, the true one perhaps among them.
@@ -104,9 +104,9 @@ for shown, what in ((free, "no limits"), (problem, "long-only, capped")):
 # What the aware observer learns
 # ------------------------------
 #
-# `AlphaDecisionMaker` spends a share of the silence regret, which is the regret of deciding by public knowledge, so that decisions leak the
-# fewest bits, or leave the largest error. Both are optimal among all rules of this regret. The study `studies/alphas.toml`
-# computes this in random markets, with an observer of simulated decisions; here is a part of it. The rule of the largest error
+# `AlphaDecisionMaker` spends a share of the silence regret, the regret of the decision for the public law alone. It has two objectives:
+# the fewest bits, or the largest error of the observer. Each is optimal among all rules of this regret. The study
+# `studies/alphas.toml` computes this in random markets, and lets an observer learn from simulated decisions; here is a part of it. The rule of the largest error
 # leaks many bits: it reveals some directions nearly exactly, and others not at all.
 
 file = {

@@ -10,8 +10,8 @@ the prior, at two fixed prices,
 
    K_t = argmax_K  E[L(p_u)] − s E[ρ(π,u)] − λ I(π;u)   under p_t,    p_{t+1} = predict(Bayes(p_t, u_t))
 
-with the observer's loss L (here the variance of its estimate), the regret ρ and the mutual information I. The price s is such that
-the long-run mean regret is the budget.
+with the observer's loss L (here the mean square error of its best estimate), the regret ρ and the mutual information I. Of several prices
+λ of information the best one is taken; the price s is such that the long-run mean regret is the budget.
 """
 
 import numpy as np
@@ -34,7 +34,7 @@ found = compare(
 print(found.header())
 
 # %%
-# Each rule spends half the silence regret. On the left all decisions are made on one belief. The observer knows that it stays; the
+# Each rule spends half the *silence regret*, the expected regret of the best constant decision. On the left all decisions are made on one belief. The observer knows that it stays; the
 # rule does not, except on the dotted curve. On the right the belief changes: at each step it stays the same with probability 0.9, and
 # the observer has filtered it for a long time. The dashed line is the error without decisions.
 
@@ -90,9 +90,9 @@ with drawing(7.4, 3.2, ncols=2, width_ratios=[3, 2]) as (figure, (left, right)):
 # 1. The value of a mechanism K at p is Σ_u Pr(u) ψ_u(p_u) − λ H(p), with p_u the posterior after u, because
 #    I(π;u) = H(p) − Σ_u Pr(u) H(p_u).
 # 2. The posteriors p_u average to p, and every family of laws that does so is that of some mechanism.
-# 3. So the optimum is Ψ(p) − λ H(p), with Ψ the concave envelope of max_u ψ_u.
-# 4. An optimal mechanism puts p_u where Ψ(p_u) = ψ_u(p_u): otherwise p_u could be split further, at a gain.
-# 5. At the law p_u, playing u for certain has the value ψ_u(p_u) − λ H(p_u) = Ψ(p_u) − λ H(p_u), which is the optimum.
+# 3. So the optimum is F(p) − λ H(p), with F the concave envelope of max_u ψ_u.
+# 4. An optimal mechanism puts p_u where F(p_u) = ψ_u(p_u): otherwise p_u could be split further, at a gain.
+# 5. At the law p_u, playing u for certain has the value ψ_u(p_u) − λ H(p_u) = F(p_u) − λ H(p_u), which is the optimum.
 # 6. A decision that is played for certain reveals nothing, so the law stays p_u, and the same holds at the next step.
 #
 # The conditions are the same prices, decisions and caps at every step, an exact optimum, and, among equal optima, the one of least
@@ -111,9 +111,9 @@ for row in found.rows:
 print(f"{'no rule':16s}over time more than {told.path_ceiling:.2f}")
 
 # %%
-# **The ceiling.** Let V(r; w) be the largest expected loss of the observer after one decision of a belief of law w, at an
+# **The ceiling.** Let V₁(r; w) be the largest expected loss of the observer after one decision of a belief of law w, at an
 # expected regret r. It is jointly concave in r and w. So, on average over the steps, no rule whose decisions are seen exactly
-# and at once keeps more than V(mean regret; mean law of the belief), with any memory and any draws. The line on the right is
+# and at once keeps more than V₁(mean regret; mean law of the belief), with any memory and any draws. The line on the right is
 # its root, from a dual solution, so that it is a valid bound even if the solver was inexact.
 #
 # **With a memory alone.** Where the observer can reach only finitely many laws, `SequentialDecisionMaker.as_mechanism()`

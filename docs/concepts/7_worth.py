@@ -11,7 +11,7 @@ belief is the Bayes risk of its own decision problem:
    worth of the secret     L(prior) − E L(the belief is known)
    worth of reading   W =  L(prior) − E L(p_u),   p_u the law after the decision u
 
-`SquaredError()` is the variance of its estimate, the default everywhere; `NamingError()` is the probability that it names the
+`SquaredError()` is the mean square error of its best estimate, the default everywhere; `NamingError()` is the probability that it names the
 wrong state; `RivalProblem(problem)` is the cost of its own decision problem on the same states, in its own unit. Reading is worth
 nothing where decisions reveal nothing, and never more than the secret.
 """

@@ -33,16 +33,16 @@ print(plain)
 print(f"closed form: {p * (p + 1) / 2 / (1 - p + p**2):.6f}")
 
 # %%
-# All agents are rational, and still one herd in four is wrong: two equal decisions outweigh one signal. The figures are exact
+# All agents are rational, and still one cascade in four is wrong: two equal decisions outweigh one signal. The figures are exact
 # where few public beliefs can be reached, here five; the status says so. Each agent's leakage is the information in its decision about its
 # private belief, for those who saw the ones before: everything at first, nothing in a cascade.
 
 print(plain.frame().head(6).round(4))
 
 # %%
-# Hiding delays herds and changes their probabilities. With ε-randomised response k = ⌊α/α_ε⌋ + 1 equal decisions start a
-# cascade, where α is the log-odds of a signal and α_ε that of a decision. Whenever k rises by one, less privacy makes fewer
-# right cascades. A rule whose law changes with every change of the belief, such as the exponential mechanism, has no cascades:
+# Hiding delays cascades and changes their probabilities. With ε-randomised response k = ⌊α/α_ε⌋ + 1 equal decisions start a
+# cascade, where α is the log-odds of a signal and α_ε that of a decision. As ε grows, and privacy falls, k falls
+# by one at some values; there the share of right cascades falls too. A rule whose law changes with every change of the belief, such as the exponential mechanism, has no cascades:
 # each decision reveals a little, and in the long run the public learns more than from decisions that hide nothing.
 
 epsilons = np.linspace(0.4, 2.5, 211)

@@ -2,7 +2,7 @@
 Experiment
 ==========
 
-A *study* is a grid, worlds × problems × decision makers × budgets × observers × repeats, written
+A *study* is a grid, worlds × problems × budgets × decision makers × observers × repeats, written
 down as plain data; a list means each of its elements in turn.
 """
 

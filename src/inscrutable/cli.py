@@ -62,8 +62,8 @@ app = App(
     help="What does my decision give away, how do I change that, and what does it cost?",
     help_epilogue=(
         "Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data or a full disk, 4 no solution, or doubts with --strict, 130 "
-        "interrupted. `inscrutable VERB --help` says what a verb takes. Decisions may be altered, never a disclosure that the law "
-        "prescribes."
+        "interrupted. `inscrutable VERB --help` says what a verb takes. Decisions may be altered, never a disclosure that the "
+        "law prescribes."
     ),
     help_format="plaintext",
     version=__version__,

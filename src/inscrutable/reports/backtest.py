@@ -18,8 +18,10 @@ from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest
 from inscrutable.experiments.backtest_sequential import SHARE_OF_SILENCE
 from inscrutable.experiments.holding import estimate_quality
 from inscrutable.experiments.performance import LEVEL, REPLICATES
+from inscrutable.labels import listed
 from inscrutable.mechanisms.disclosures import EXACT
 from inscrutable.privacy import RivalProblem
+from inscrutable.privacy.leaks import silence_regret
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.reports.backtest_plots import draw_backtest
 from inscrutable.reports.backtest_verdict import cautions, limits, verdict
@@ -121,7 +123,7 @@ def _rows(result: Backtest) -> list[_Row]:
         _Row("mean_regret_share", "regret, % of the optimal cost, both summed", _PERCENT),
         _Row("mean_expected_regret_share", "  the same in expectation over the lottery", _PERCENT),
         _Row("largest_regret_share", f"regret, largest in a {word}, % of the optimal cost", _PERCENT),
-        _Row("mean_regret_of_silence", "regret, mean, % of the silence regret", _PERCENT, ".0f"),
+        _Row("mean_regret_of_silence", "regret, mean, % of silence in hindsight", _PERCENT, ".0f"),
         _Row("mean_privacy", f"privacy, mean ({_goal(result)})", style=".3f"),
         _Row("n_privacy_not_finite", f"  {word}s left out: goal missed, or set empty", style=".0f"),
         _Row(
@@ -239,8 +241,7 @@ def _misled(result: Backtest) -> str:
 
 def notes_of(result: Backtest) -> list[str]:
     """Return the definitions of the table."""
-    settings, market = result.settings, result.market
-    word = market.frequency.word
+    settings = result.settings
     return [
         f"{_source_of_regimes(result)}; "
         f"risk aversion γ = {settings.risk_aversion:g} in γu'Σu − μ'u, no ½; budget {result.budget}.",
@@ -257,9 +258,26 @@ def notes_of(result: Backtest) -> list[str]:
         *_public_notes(result),
         "Turnover counts from the last published weights after they drifted with returns; the first purchase is left out.",
         f"Intervals: studentised circular block bootstrap, {REPLICATES} samples (Ledoit and Wolf 2008).",
-        f"Silence regret: {result.silence_regret * _BASIS_POINTS:.2f} bp per {word}, the mean regret of the best "
-        "constant portfolio for these beliefs, known only in hindsight (the value of information, in costs).",
+        *_silence_notes(result),
     ]
+
+
+def _silence_notes(result: Backtest) -> list[str]:
+    """Return a line on what a constant portfolio costs: in hindsight, known beforehand, and in the long run of the model."""
+    word, part = result.market.frequency.word, result.sequential
+    costs = [
+        f"{_BASIS_POINTS * result.silence_regret:.2f} bp per {word} in hindsight (the one that is best for these beliefs)"
+    ]
+    if np.isfinite(result.known_silence_regret):
+        known = _BASIS_POINTS * result.known_silence_regret
+        costs.append(f"{known:.2f} if known beforehand (the one for the long-run mean of the belief)")
+    if part is not None:
+        prior = part.maker.chain.prior
+        most = _BASIS_POINTS * silence_regret(result.problem, prior.beliefs, prior.weights)
+        costs.append(
+            f"{most:.2f} in the long run of the fitted regimes (the silence regret, of which budgets are shares)"
+        )
+    return [f"Silence, a constant portfolio, costs {listed(costs)}."]
 
 
 def _source_of_regimes(result: Backtest) -> str:
@@ -331,8 +349,7 @@ def _sequential_notes(result: Backtest) -> list[str]:
         return []
     word, beliefs = result.market.frequency.word, len(part.maker.beliefs)
     most = part.maker.limit * _BASIS_POINTS
-    silence = f", {SHARE_OF_SILENCE:.0%} of the silence regret there, {most / SHARE_OF_SILENCE:.2f} bp"
-    share = "" if result.settings.budget is not None else silence
+    share = "" if result.settings.budget is not None else f", {SHARE_OF_SILENCE:.0%} of the silence regret"
     return [
         "SDM, the sequential rule, depends on the aware observer's law of the belief, and so on all decisions before: rows on "
         f"single decisions do not apply to it. It may spend {most:.2f} bp per {word} on average in the long run of the fitted "

@@ -206,8 +206,9 @@ def limits(result: Backtest) -> list[str]:
     """Return the basis of the verdict, one line each: the meaning of "hidden", names and budgets, and ceilings."""
     names = "; ".join(f"{name}: {FULL_NAMES[name]}" for name in result.names if name in FULL_NAMES)
     hiding = result.names[1:]
-    said = [f"{names}; {_budgets(result, hiding)}."] if hiding else [f"{names}."]
+    said = [f"{names}."]
     if hiding:
+        said.append(_budgets(result, hiding))
         sharpe = listed([f"{_change(result.figures[name])} ({name})" for name in hiding])
         said.append(
             f"Realised: the yearly Sharpe ratio after trading costs, against the {FULL_NAMES['ODM']} weights, changes by "
@@ -221,27 +222,17 @@ def limits(result: Backtest) -> list[str]:
 
 
 def _budgets(result: Backtest, hiding: Sequence[str]) -> str:
-    """Return what each rule may spend, in which mean, and what it spent."""
+    """Return what each rule may spend, and in which mean."""
     word, part = result.market.frequency.word, result.sequential
-    bounded = f"{'budget of ' if result.budget.is_relative else ''}{result.budget}"
-    mean = f"PDM: in the mean of its two outcomes, each {word}"
-    long_run = f"in expectation over the long run of the fitted regimes, by the model, more in single {word}s"
+    rules = listed([name for name in hiding if name != SEQUENTIAL])
+    said = f"Budgets. {rules}: {result.budget} each {word}, PDM on average over its two outcomes."
     if part is None:
-        within = f"each stays within a {bounded} ({mean})"
-    elif result.settings.budget is not None:
-        within = f"each stays within a {bounded} ({mean}; {SEQUENTIAL}: {long_run})"
-    else:
-        within = (
-            f"CDM and PDM stay within a {bounded} ({mean}), {SEQUENTIAL} within {SHARE_OF_SILENCE:.0%} of the silence regret, "
-            f"{_basis_points(part.maker.limit)} basis points a {word}, {long_run}"
-        )
-    shares = {name: result.figures[name]["mean_regret_share"] for name in hiding}
-    if result.budget.is_relative and np.isfinite(list(shares.values())).all():
-        spent, unit = [f"{share:.1%} ({name})" for name, share in shares.items()], "of |c*|"
-    else:
-        spent = [f"{_basis_points(result.figures[name]['mean_regret'])} ({name})" for name in hiding]
-        unit = f"basis points a {word}"
-    return f"{within}; realised: {listed(spent)} {unit}"
+        return said
+    share = f" ({SHARE_OF_SILENCE:.0%} of the silence regret)" if result.settings.budget is None else ""
+    return (
+        f"{said} {SEQUENTIAL}: {_basis_points(part.maker.limit)} basis points a {word}{share}, on average over the long run of "
+        f"the fitted regimes; a single {word} may cost more."
+    )
 
 
 def _asked(result: Backtest) -> Requirement:

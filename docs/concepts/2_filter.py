@@ -8,7 +8,7 @@ The agent's *private belief* π is its posterior: the probability of each state,
 
    π[k+1] ∝ B(y[k+1]) P' π[k]
 
-The agent decides by this belief, and an observer of its decisions wants to know it.
+from π[0] ∝ B(y[0]) p(x[0]). The agent decides by this belief, and an observer of its decisions wants to know it.
 """
 
 import numpy as np

@@ -177,3 +177,24 @@ def test_no_decision_is_below_the_best_of_its_candidates(drawn: int) -> None:
     best = max((each.distance(belief) for each in sets if not each.is_empty), default=0.0)
     maker = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(budget), candidates=candidates)
     assert maker.decide(belief).privacy >= best * (1.0 - 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("size", "seed", "conc", "which", "decoy"),
+    [
+        ((6, 5), 6051, 0.5, 2, [0.6018, 0.0525, 0.0, 0.3457, 0.0, 0.0]),
+        ((8, 4), 8052, 1.0, 4, [0.1302, 0.8622, 0.0, 0.0, 0.0, 0.0, 0.0076, 0.0]),
+    ],
+)
+def test_narrow_faces_are_found_where_assets_are_as_few_as_states(size, seed, conc, which, decoy):
+    """Beside this decision others of half its privacy or less are far more numerous: no start may be skipped."""
+    rng, (n_states, n_assets) = np.random.default_rng(seed), size
+    means = rng.normal(0.0, 0.02, size)
+    roots = [rng.normal(size=(n_assets, n_assets)) * 0.05 for _ in range(n_states)]
+    covariances = [root @ root.T + 0.0005 * np.eye(n_assets) for root in roots]
+    problem = MarkowitzProblem(means, covariances, 1.0 if seed % 2 else 5.0)
+    belief = rng.dirichlet(np.full(n_states, conc), 5)[which]
+    known = problem.solve(np.array(decoy) / np.sum(decoy))
+    assert problem.regret(belief, known) <= 0.1 * abs(problem.optimal_cost(belief))
+    least = consistent_beliefs(problem, known).distance(belief)
+    assert CounterAdversarialDecisionMaker(problem, budget=0.1).decide(belief).privacy >= least * (1.0 - 5e-4)

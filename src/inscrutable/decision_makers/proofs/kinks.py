@@ -1,6 +1,7 @@
 """Cuts where a row becomes inactive: optimal decisions have a kink there, and bounds on cells that end there are tighter.
 
-Without them 6 instead of 3 of 60 lotteries over four states are not proved to 1 %; single decisions are proved without too.
+Without them proofs to 1 % of 60 lotteries over four states take 1.5 to 2.1 times the time, and one is left open; those of
+single decisions take 1.1 to 1.2 times. Over three states nothing changes.
 """
 
 from __future__ import annotations

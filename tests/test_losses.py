@@ -37,6 +37,7 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.mechanisms.chains import resting_chain
+from oracles import markets
 from sizes import instances
 from strategies import SEEDS
 from test_leakage import drawn
@@ -282,6 +283,19 @@ def test_large_games_are_proved_by_parts():
     assert found.mechanism.expected_regrets.max() <= limit.limits(np.ones(1))[0] * (1 + 1e-9)
     square = StackelbergDecisionMaker(problem, limit, prior=prior, candidates=candidates)
     assert leakage(square.mechanism, prior, loss=NamingError()).bayes_loss <= found.bound + 1e-12
+
+
+def test_many_decisions_for_few_beliefs_are_proved():
+    """Once the bound stood still where none of the decisions tried first could enter, or pairs left and came back."""
+    problem = MarkowitzProblem(*markets.random_market(np.random.default_rng([13, 3]), 3, 4))
+    prior, candidates = uniform_prior(3, 5), decoy_grid(problem, 20)
+    limit = Budget.regret(0.2 * silence(problem, prior, candidates))
+    rounds: list[int] = []
+    known = {"prior": prior, "candidates": candidates, "loss": NamingError()}
+    found = StackelbergDecisionMaker(problem, limit, gap=0.002, **known)
+    found.solve(progress=lambda done, most: rounds.append(done))
+    assert found.gap <= 0.002
+    assert len(rounds) <= 15
 
 
 def test_beliefs_off_the_prior_answer_within_their_budget():

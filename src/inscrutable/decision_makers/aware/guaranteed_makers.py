@@ -30,9 +30,11 @@ from inscrutable.validation import Array
 
 _PROPOSALS = 10
 _LINE_STEPS = 30
+"""With ten, two of 29 rules for 6 to 20 beliefs end with a value up to .3 % worse, in as much time."""
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 _IDLE = 4
-"""Rounds that a cut of the objective stays without a price."""
+"""Rounds that a cut of the objective stays without a price. With one these 29 take 1.7 times as long, six values are up to .5 %
+worse, and one gap is not reached."""
 
 
 class Promised(NamedTuple):

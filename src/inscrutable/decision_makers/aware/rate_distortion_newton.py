@@ -16,8 +16,9 @@ from inscrutable.decision_makers.aware.rate_distortion_steps import Source, meet
 from inscrutable.validation import Array
 
 _MOST_STEPS = 60
+"""With 180 the steps of 23 curves from 21 by 36 to 136 by 136 are the same; with 20 two rates change within the gap."""
 _TO_BOUNDARY = 0.95
-_SUFFICIENT = 0.001  # share of the descent promised that a step must keep
+"""Share of the way to the boundary that a step goes at most. With .8 these curves take 1.1 times as long, with .99 as long."""
 _TINY = np.finfo(float).tiny
 
 
@@ -49,7 +50,7 @@ def newton_law(source: Source, regret: float, law: Array, slope: float, goal: fl
         move = np.asarray(np.linalg.solve(hessian, slopes), dtype=np.float64)
         change = centre / point.law - duals - duals / point.law * move
         length, dual_length = _longest(point.law, move), _longest(duals, change)
-        ahead = _searched(source, regret, point, (move, length, float(slopes @ move)), centre)
+        ahead = _searched(source, regret, point, (move, length), centre)
         if ahead is None:
             break
         point = ahead
@@ -87,18 +88,16 @@ def _longest(values: Array, move: Array) -> float:
     return min(1.0, _TO_BOUNDARY / float((-move[down] / values[down]).max()))
 
 
-def _searched(
-    source: Source, regret: float, point: _Point, step: tuple[Array, float, float], centre: float
-) -> _Point | None:
+def _searched(source: Source, regret: float, point: _Point, step: tuple[Array, float], centre: float) -> _Point | None:
     """Halve the step until the barrier function falls; None where it no longer does."""
-    move, length, descent = step
+    move, length = step
     before = point.value + point.law.sum() - centre * np.log(point.law).sum()
     while length > tolerances.NEWTON_STEP:
         law = point.law + length * move
         guess = point.slope + length * float(point.turn @ move) / max(point.variance, _TINY)
         ahead = _at(source, regret, law, float(np.clip(guess, 0.3 * point.slope, 3.0 * point.slope)))
         after = ahead.value + law.sum() - centre * np.log(law).sum()
-        if after <= before - _SUFFICIENT * length * descent + tolerances.BARRIER_ROUNDING * max(1.0, abs(before)):
+        if after <= before + tolerances.BARRIER_ROUNDING * max(1.0, abs(before)):
             return ahead
         length *= 0.5
     return None

@@ -19,7 +19,9 @@ from inscrutable.validation import Array
 
 BITS = 1.0 / float(np.log(2.0))
 _TINY = np.finfo(float).tiny
-_KEPT_UNIFORM = 0.02  # of a warm start: columns of probability 0 may return
+_KEPT_UNIFORM = 0.02
+"""Share of the uniform law in a warm start: columns of probability 0 may return. Without it 23 curves of 21 by 36 to 136 by 136
+take 1.2 times as long, with .2 as long."""
 _FIRST_STEPS = 120
 _WARM_STEPS = 6  # from a neighbour's law, before Newton's steps on its columns
 _MORE_STEPS = 600

@@ -64,7 +64,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
         InputError: An argument is malformed.
         ModelError: At first use: no rule gives the guarantees within the budgets; which of them are in conflict.
 
-    Cost: six to thirty seconds for 500 beliefs and 2,000 candidates at 1 %, most where budgets are small; a tenth of one
+    Cost: five to nine seconds for 500 beliefs and 2,000 candidates at 1 %, most where budgets are small; a tenth of one
     for 15,000 pairs at 1e-6.
     Source: the saddle point of a Stackelberg game whose follower estimates; compare Crawford and Sobel, Strategic
     Information Transmission (Econometrica 50, 1982).

@@ -24,12 +24,10 @@ from inscrutable.problems import DecisionProblem, FiniteProblem
 from inscrutable.validation import Array
 
 _MOST_ROUNDS = 60
-_WHOLE = 4_000
-"""Pairs of belief and decision up to which all decisions are present from the start."""
-_FIRST = 40
-_ADDED = 40
-_PAIRS = 60
-"""Most decisions of a belief beside those that it plays or that tempt it, by rising reduced cost."""
+"""Not reached in 20 games of 20 to 140 beliefs, 36 to 5,048 decisions and gaps from 1e-6 to .02: at most 25 were needed."""
+_FIRST, _ADDED = 40, 40
+"""Decisions at first, and how many may enter at a time. With 13 at first these 20 take .9 of the time, with 13 at a time .95,
+with 120 at a time 1.05, and single ones up to 1.3 times as long."""
 _FEW_CHOICES = 12
 """Choices of a rival up to which all are answers to every decision from the start."""
 
@@ -132,17 +130,14 @@ class _Search:
     def __init__(self, game: AnswerGame, goal: float, at_mean: Array) -> None:
         self.game, self.goal, self.spread = game, goal, game.spread
         self.costs = np.where(game.allowed, game.costs, 0.0)
-        n_beliefs, n_columns = game.costs.shape
-        self.columns = np.arange(n_columns)
-        self.there = game.allowed.copy()
-        self.is_whole = n_beliefs * n_columns <= _WHOLE
-        if not self.is_whole:
-            self.columns = first_columns(game.costs, game.allowed, _FIRST)
+        self.columns = first_columns(game.costs, game.allowed, _FIRST)
+        self.there = np.zeros_like(game.allowed)
+        self.there[:, self.columns] = game.allowed[:, self.columns]
         self.points = self._first_points()
         self.known = self._gains(self.points)
         self.replies: dict[int, list[int]] = {int(m): list(range(len(self.points))) for m in self.columns}
         self.n_first = len(self.points)
-        self.mixed = np.tile(at_mean, (n_columns, 1))
+        self.mixed = np.tile(at_mean, (game.costs.shape[1], 1))
         self.best = Answered(np.zeros_like(game.costs), self.mixed.copy(), -np.inf, np.inf)
 
     def _first_points(self) -> Array:
@@ -171,9 +166,10 @@ class _Search:
                 progress(done, _MOST_ROUNDS)
             short = self.best.bound - self.best.error
             near = short <= self.goal * self.best.bound + tolerances.NO_ERROR * self.spread
-            if near or not (cut or tempted or (lacking < 0).any()):
+            missing = ((lacking < 0) & ~self.there)[:, self.columns]
+            if near or not (cut or tempted or missing.any()):
                 break
-            self._join(tempted, lacking, rows)
+            self._join(tempted, lacking)
         return self.best
 
     def _programme(self) -> tuple[Array, Array, Array]:
@@ -269,10 +265,14 @@ class _Search:
         others = np.setdiff1d(np.arange(n_columns), columns)
         if others.size:
             pool = np.unique(np.vstack([self.mixed[columns], self.game.rival.state_costs(self.points)]), axis=0)
-            worst, which = least_tempting_answer(game.gains(pool) / self.spread, paid[:, others])
-            self.mixed[others] = pool[which]
+            worst = (game.gains(self.mixed[others]) / self.spread - paid[:, others]).max(
+                axis=0
+            )  # with the former answer
+            least, which = least_tempting_answer(game.gains(pool) / self.spread, paid[:, others])
+            self.mixed[others[least < worst]] = pool[which[least < worst]]
+            worst = np.minimum(worst, least)
             order = np.argsort(-worst)
-            for k in order[worst[order] > near][: 2 * _ADDED]:
+            for k in order[worst[order] > near]:
                 share, worth, _ = matrix_game(self.known, paid[:, others[k]])
                 self.mixed[others[k]] = self._costs_of(np.arange(len(self.points)), share)
                 if worth > near:
@@ -292,18 +292,14 @@ class _Search:
             best = replace(best, answers=self.mixed.copy(), bound=bound)
         self.best = best
 
-    def _join(self, tempted: dict[int, np.ndarray], lacking: Array, rows: Array) -> None:
-        """Add decisions with their answers, and keep only pairs that may be played."""
+    def _join(self, tempted: dict[int, np.ndarray], lacking: Array) -> None:
+        """Add decisions with their answers, each for the beliefs that it tempts and those to which it is the cheapest."""
         first = range(self.n_first)
         for m, answers in tempted.items():
             self.replies[m] = sorted({*first, *answers.tolist()})
         self.columns = np.sort(np.concatenate([self.columns, np.array(list(tempted), dtype=np.intp)]))
-        if self.is_whole:
-            return
-        allowed, each = self.game.allowed[:, self.columns], np.arange(len(rows))
-        lack = np.where(allowed, lacking[:, self.columns], np.inf)
-        most = np.partition(lack, min(_PAIRS, lack.shape[1]) - 1, axis=1)[:, min(_PAIRS, lack.shape[1]) - 1]
-        kept = (lack <= np.maximum(most, 0.0)[:, None]) | (rows[:, self.columns] > 0)
+        allowed, each = self.game.allowed[:, self.columns], np.arange(len(self.costs))
+        kept = self.there[:, self.columns] | (lacking[:, self.columns] <= 0)
         kept[each, np.where(allowed, self.costs[:, self.columns], np.inf).argmin(axis=1)] = True
         self.there[:, self.columns] = kept & allowed
 

@@ -13,9 +13,9 @@ import numpy as np
 from inscrutable.decision_makers.envelope import Mixtures, best_mixtures
 from inscrutable.validation import Array
 
-_CENTRING_STEPS = 60
-_CENTRED = 0.3
 _MOST_SPENT = 0.99
+"""Share of what a row may spend beyond its least cost that a start spends at most: all of it would leave no interior. From .5
+to .999 the 111 games of `stackelberg_newton` need between 1,973 and 2,034 steps."""
 _TINY = np.finfo(float).tiny
 
 
@@ -61,25 +61,11 @@ class Game:
 def centred_start(game: Game, centre: Array) -> tuple[Array, Array, Array]:
     """Return rows K that spend less than 1, levels ℓ and prices λ with ℓ_b + λ_b c_bm > |π_b|² wherever allowed.
 
-    Every estimate is the prior mean, zero. Each row is put where K_bm (ℓ_b + λ_b c_bm − |π_b|²) is near the row's centre
-    (B,): there ℓ + λ − centre Σ_m log(ℓ + λ c_m − |π|²) − centre log λ is least, found by damped Newton steps.
+    Every estimate is the prior mean, zero. With ℓ − |π|² = λ, both the row's centre (B,), rows K_bm ∝ 1/(1 + c_bm) make the
+    products K_bm (ℓ_b + λ_b c_bm − |π_b|²) of a row equal. Rows that spend too much are mixed with their cheapest column.
     """
     costs = np.where(game.allowed, game.costs, 0.0)
-    prices, above = 2.0 * centre, centre.copy()  # ℓ − |π|²: the same as if every gain were zero
-    for _ in range(_CENTRING_STEPS):
-        rows = np.where(game.allowed, centre[:, None] / (above[:, None] + prices[:, None] * costs), 0.0)
-        first, second = 1.0 - rows.sum(axis=1), 1.0 - (rows * costs).sum(axis=1) - centre / prices
-        square = rows * rows / centre[:, None]
-        ones = square.sum(axis=1)
-        mean = (square * costs).sum(axis=1) / ones
-        spread = (square * (costs - mean[:, None]) ** 2).sum(axis=1) + centre / prices**2
-        second = second - mean * first
-        length = np.sqrt((first**2 / ones + second**2 / spread) / centre)
-        if length.max() < _CENTRED:
-            break
-        price = -second / spread / (1.0 + length)
-        prices = prices + price
-        above = above - first / ones / (1.0 + length) - mean * price
+    rows = game.allowed / (1.0 + costs)
     rows = rows / rows.sum(axis=1, keepdims=True)
     spent = (rows * costs).sum(axis=1)
     cheapest = np.zeros_like(rows)
@@ -87,4 +73,4 @@ def centred_start(game: Game, centre: Array) -> tuple[Array, Array, Array]:
     least = (cheapest * costs).sum(axis=1)
     room = _MOST_SPENT * (1.0 - least)
     share = np.minimum(1.0, room / np.maximum(spent - least, _TINY))[:, None]
-    return share * rows + (1.0 - share) * cheapest, above + (game.points**2).sum(axis=1), prices
+    return share * rows + (1.0 - share) * cheapest, centre + (game.points**2).sum(axis=1), centre

@@ -20,16 +20,14 @@ from inscrutable.decision_makers.aware.stackelberg_game import Game, centred_sta
 from inscrutable.validation import Array
 
 MOST_STEPS = 100
-"""Steps at most; some fifteen to thirty are usual."""
+"""Never reached: at most 27 in 116 games of two to five states, up to 500 by 2,000, at gaps of 1e-6 and .01, and 41 in 111 of
+them at 1e-9."""
 _TO_BOUNDARY = 0.9
-_MOST_CENTRED = 0.8
-_REFINED = 2
-_SHORT = 0.1
-_LONG = 0.9
-_CORRECTIONS = 4
-_AHEAD = 0.3
-_WORTH = 0.05
-_RANGE = 10.0
+"""Share of the way to the boundary that a step goes at most. With .7 these 111 games take 1.3 times as many steps; with .95
+they take as many, and the five largest games 1.1 times as many."""
+_START = 5.0
+"""Levels and prices at the start, in units of the prior's error over √M. With 2 or 12 the games need as many steps, within 4 %;
+the same share of the error for all M takes 1.1 times as long in the five largest games."""
 _TINY = np.finfo(float).tiny
 
 Pair = tuple[Array, Array]
@@ -156,13 +154,6 @@ class _Newton:
             estimates = self._solved(left.reshape(-1)).reshape(left.shape)
             turn, first, second = self._onto_rows(estimates)
             levels, prices = (level - first) / self.by_level, (price - second) / self.by_price
-        for _ in range(_REFINED):  # the sums of a row with few atoms left are differences of large numbers
-            spare = levels[:, None] + prices[:, None] * self.about + turn
-            rows = direct - self.ratio * spare
-            unspent = (unspent_aim - now.unspent * prices) / now.prices
-            over = weights * (rows.sum(axis=1) - lacking)
-            dearer = weights * ((rows * self.costs).sum(axis=1) + unspent - missing) - self.mean_costs * over
-            levels, prices = levels + over / self.by_level, prices + dearer / self.by_price
         spare = levels[:, None] + prices[:, None] * self.about + turn
         rows = direct - self.ratio * spare
         unspent = (unspent_aim - now.unspent * prices) / now.prices
@@ -185,7 +176,7 @@ def _factored(system: Array) -> tuple[Array, np.ndarray]:
 def saddle(game: Game, goal: float, progress: Callable[[int], None] | None = None) -> Saddle:
     """Return rows and estimates with a relative gap of about `goal`, or the smallest gap reached."""
     costs = np.where(game.allowed, game.costs, 0.0)
-    rows, levels, prices = centred_start(game, game.spread / np.sqrt(costs.shape[1]) * _centres(game))
+    rows, levels, prices = centred_start(game, _START * game.spread / np.sqrt(costs.shape[1]) * _centres(game))
     estimates = np.zeros((costs.shape[1], game.points.shape[1]))
     unspent = 1.0 - (rows * costs).sum(axis=1)
     now = _Point(rows, unspent, levels, prices, estimates, _spare(game, costs, (levels, prices, estimates)))
@@ -244,7 +235,7 @@ def _lengths(now: _Point, move: _Point, allowed: np.ndarray) -> tuple[float, flo
 
 
 def _stepped(game: Game, costs: Array, now: _Point) -> _Point | None:
-    """Take one step of predictor, corrector and a few centring corrections; None where it is too short."""
+    """Take one step of predictor and corrector; None where it is too short."""
     newton = _Newton(game, costs, now)
     products = _products(game, now, None, (0.0, 0.0))
     move = newton.towards(*(-each for each in products))
@@ -253,13 +244,8 @@ def _stepped(game: Game, costs: Array, now: _Point) -> _Point | None:
     bend = now.rows * (move.estimates**2).sum(axis=1)
     second = move.rows * move.spare - bend, move.prices * move.unspent
     aim = share * each[:, None] - products[0] - second[0], share * each - products[1] - second[1]
-    move, primal, dual = _corrected(game, newton, share * each, (np.where(game.allowed, aim[0], 0.0), aim[1]))
-    if min(primal, dual) <= _SHORT:  # products differ too much: mostly a centring step
-        centre = _MOST_CENTRED * each
-        inner = np.where(game.allowed, centre[:, None] - products[0], 0.0), centre - products[1]
-        back = _corrected(game, newton, centre, inner)
-        if min(back[1:]) > min(primal, dual):
-            move, primal, dual = back
+    move = newton.towards(np.where(game.allowed, aim[0], 0.0), aim[1])
+    primal, dual = (min(1.0, _TO_BOUNDARY * length) for length in _lengths(now, move, game.allowed))
     if not np.isfinite(primal * dual) or max(primal, dual) < tolerances.NEWTON_STEP:
         return None
     levels, prices = now.levels + dual * move.levels, now.prices + dual * move.prices
@@ -292,38 +278,4 @@ def _centre(game: Game, products: Pair, ahead: Pair) -> tuple[Array, float]:
     share = (max(float(game.weights @ (ahead[0].sum(axis=1) + ahead[1])), 0.0) / total) ** 3
     each = _centres(game)
     each = total / float(game.weights @ (each * (game.allowed.sum(axis=1) + 1.0))) * each
-    return each, float(np.clip(share, tolerances.LEAST_CENTRED, _MOST_CENTRED))
-
-
-def _within(products: Pair, centre: Array, width: float) -> Pair:
-    """Products moved to within a factor of their row's centre (B,)."""
-    low, high = centre / width, centre * width
-    return np.clip(products[0], low[:, None], high[:, None]), np.clip(products[1], low, high)
-
-
-def _moved(game: Game, newton: _Newton, aim: Pair) -> tuple[_Point, float, float]:
-    """A step and its primal and dual lengths."""
-    move = newton.towards(*aim)
-    primal, dual = (min(1.0, _TO_BOUNDARY * each) for each in _lengths(newton.now, move, game.allowed))
-    return move, primal, dual
-
-
-def _corrected(game: Game, newton: _Newton, centre: Array, aim: Pair) -> tuple[_Point, float, float]:
-    """The move towards an aim, corrected while that makes it longer, at the cost of one solve each.
-
-    A longer step is tried, and what its products miss of a wide range about the centre is added to the aim (Gondzio,
-    Multiple centrality corrections in a primal-dual method for linear programming, 1996).
-    """
-    found = _moved(game, newton, aim)
-    for _ in range(_CORRECTIONS):
-        longer = min(1.0, found[1] + _AHEAD), min(1.0, found[2] + _AHEAD)
-        tried = _products(game, newton.now, found[0], longer)
-        inner = _within(tried, centre, _RANGE)
-        added = np.maximum(inner[0] - tried[0], -_RANGE * centre[:, None])
-        aim = aim[0] + np.where(game.allowed, added, 0.0), aim[1] + np.maximum(inner[1] - tried[1], -_RANGE * centre)
-        better = _moved(game, newton, aim)
-        gain = sum(better[1:]) - sum(found[1:])
-        found = better if gain > 0 else found
-        if gain < _WORTH or min(found[1:]) > _LONG:
-            break
-    return found
+    return each, max(share, tolerances.LEAST_CENTRED)

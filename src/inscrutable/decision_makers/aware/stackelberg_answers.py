@@ -265,9 +265,8 @@ class _Search:
         others = np.setdiff1d(np.arange(n_columns), columns)
         if others.size:
             pool = np.unique(np.vstack([self.mixed[columns], self.game.rival.state_costs(self.points)]), axis=0)
-            worst = (game.gains(self.mixed[others]) / self.spread - paid[:, others]).max(
-                axis=0
-            )  # with the former answer
+            former = game.gains(self.mixed[others]) / self.spread
+            worst = (former - paid[:, others]).max(axis=0)
             least, which = least_tempting_answer(game.gains(pool) / self.spread, paid[:, others])
             self.mixed[others[least < worst]] = pool[which[least < worst]]
             worst = np.minimum(worst, least)

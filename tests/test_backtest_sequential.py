@@ -195,7 +195,7 @@ def test_none_holds_is_said_as_such(found: Backtest) -> None:
     read = replace(found.sequential, others=(found.beliefs.to_numpy(),))
     shifted = replace(found, sequential=read)
     shifted.__dict__["figures"] = weak
-    assert any("follows all months: by none, not by " in each for each in verdict(shifted))
+    assert any("follows all months: by none of " in each for each in verdict(shifted))
     assert any("none of 1 other runs over all months would have hidden" in each for each in verdict(shifted))
 
 

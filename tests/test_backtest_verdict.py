@@ -171,6 +171,14 @@ def test_what_costs_as_much_as_silence_is_named_in_the_first_sentence(moving: Ba
     assert told in verdict(other)[0]
 
 
+def test_hiding_that_helps_the_aware_observer_is_a_caution(moving: Backtest) -> None:
+    said = "CDM informs the aware observer better than no protection: error 0.15 instead of 0.24."
+    open_to_all = shifted(moving, {"error_followed": 0.24, "error_without": 0.6})
+    assert said not in cautions(open_to_all)
+    assert said in cautions(shifted(open_to_all, {}, CDM={"error_followed": 0.15}))
+    assert not any("informs" in each for each in cautions(shifted(open_to_all, {}, CDM={"error_followed": 0.23})))
+
+
 def test_the_worst_month_stands_beside_the_price(moving: Backtest) -> None:
     regrets = np.full(N_DECISIONS, 1e-4)
     regrets[4] = 60e-4

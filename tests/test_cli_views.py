@@ -54,8 +54,13 @@ def test_a_sum_of_one_that_is_not_asked_for_is_a_caution(folder: Path, capsys: p
     half.to_csv(folder / "half.csv")
     for weights, held in (("weights.csv", "anything"), ("weights.csv", "long-only"), ("half.csv", "anything")):
         assert main(asked(folder, "--risk-aversion", "2", "--held", held, weights=weights)) == 0
-        said.append("Caution: these weights sum to one" in capsys.readouterr().out)
+        printed = " ".join(capsys.readouterr().out.split())
+        said.append("Caution: these weights sum to one" in printed)
+        assert ("sum to one determine no expected return by itself" in printed) == (held == "long-only")
     assert said == [True, False, False]
+    (folder / "four.csv").write_text("month,Food,Oil,Gas\nMay,0.3333,0.3333,0.3333\n")
+    assert main(asked(folder, "--risk-aversion", "2", "--held", "long-only", weights="four.csv")) == 3
+    assert "rounded weights need --digits, here --digits 4;" in capsys.readouterr().err
 
 
 def test_files_that_cannot_be_meant_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -52,7 +52,7 @@ def test_a_rival_who_names_the_regime_nearly_always_is_not_held_off(found: Backt
     """Far from the belief, but right in 95 % of the months where chance is right in 61 %."""
     figures = with_figures(found, error_without=0.5, base_rate=0.61, error_face_value=0.6, share_regime_named=0.95)
     at_face_value = line_of(figures, "at face value")
-    assert "at face value: by none, not by" in at_face_value
+    assert "at face value: by none of" in at_face_value
     assert "(error 0.60, named 95% > 74%)" in at_face_value  # what was reached
     asked = "\n".join(limits(figures))
     assert re.search(r"at least 0\.33 .* 0\.50, .* at most 74% of months .* chance, 61%", asked)
@@ -60,7 +60,7 @@ def test_a_rival_who_names_the_regime_nearly_always_is_not_held_off(found: Backt
 
 def test_an_estimate_half_as_wrong_is_not_held_off(found: Backtest) -> None:
     figures = with_figures(found, error_without=0.5, base_rate=0.5, error_face_value=0.3, share_regime_named=0.6)
-    assert "at face value: by none, not by" in line_of(figures, "at face value")
+    assert "at face value: by none of" in line_of(figures, "at face value")
 
 
 def test_nothing_is_judged_where_unprotected_weights_pass_as_well(found: Backtest) -> None:
@@ -74,7 +74,7 @@ def test_nothing_is_judged_where_unprotected_weights_pass_as_well(found: Backtes
     figures = with_figures(found, **given, error_followed=0.0, share_regime_named_followed=1.0)
     assert "there is nothing to hide from the naive observer: the optimal weights, without" in verdict(figures)[0]
     assert "at face value: cannot be judged" in line_of(figures, "at face value")
-    assert "by none, not by " in line_of(figures, "aware observer, who knows the rules")
+    assert "by none of " in line_of(figures, "aware observer, who knows the rules")
     both = with_figures(found, **given, error_followed=0.3, share_regime_named_followed=0.95)
     assert "nothing to hide from either observer: the optimal weights" in verdict(both)[0]
     passing = {"error_without": 0.3, "base_rate": 0.5, "error_followed": 0.1, "share_regime_named_followed": 0.9}
@@ -96,7 +96,7 @@ def test_the_best_come_first_and_those_without_an_estimate_are_not_judged() -> N
     assert asked.judge([unread]) == "not known, as no belief explains any decision of D"
     many = [Reached(f"M{k}", 0.1, 0.9) for k in range(6)]
     missed = ", ".join(f"M{k} (error 0.10 < 0.40, named 90% > 60%)" for k in range(3))
-    assert asked.judge(many) == f"by none, not by {missed} and 3 more"
+    assert asked.judge(many) == f"by none of {missed} and 3 more"
 
 
 def test_who_is_best_goes_by_the_nearer_of_the_two_bounds() -> None:
@@ -108,7 +108,7 @@ def test_who_is_best_goes_by_the_nearer_of_the_two_bounds() -> None:
 def test_a_figure_that_misses_its_bound_by_little_reads_differently_from_it() -> None:
     asked = Requirement(0.6, 0.4)
     close = Reached("A", 0.3996, 0.6000004)
-    assert asked.judge([close]) == "by none, not by A (error 0.3996 < 0.4000, named 60.00004% > 60.00000%)"
+    assert asked.judge([close]) == "by none of A (error 0.3996 < 0.4000, named 60.00004% > 60.00000%)"
 
 
 def test_nothing_to_hide_and_certainty_by_chance() -> None:

@@ -177,16 +177,28 @@ def test_one_decision_is_published_for_each_month_of_returns(
     assert "has a decision on data to 2024-02-29, a date that these returns do not have" in capsys.readouterr().err
 
 
-def test_a_decision_without_a_date_says_so_and_a_missing_folder_is_made(small, tmp_path: Path) -> None:
+def test_a_decision_without_a_date_says_so_and_a_missing_folder_is_refused(small, tmp_path: Path) -> None:
     model, _, state, _ = small
     copy = Path(shutil.copy(state, tmp_path / "state"))
     said = "No date is recorded: publish once a period"
     assert said not in protect_step(model, BELIEF, copy).summary()
     assert said in protect_step(model, BELIEF, copy, publish=True).summary()
     assert said not in protect_step(model, BELIEF, copy, publish=True, periods=["2024-01-31"]).summary()
-    new = tmp_path / "some" / "where" / "state"
-    assert protect_step(model, BELIEF, new, Budget.regret(1.0)).n_published == 0
-    assert new.exists()
+    with pytest.raises(InputError, match="does not exist: make it, or correct the path"):
+        protect_step(model, BELIEF, tmp_path / "nowhere" / "state", Budget.regret(1.0))
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_two_rows_in_a_month_are_refused(small, tmp_path: Path) -> None:
+    model, _, state, _ = small
+    copy = Path(shutil.copy(state, tmp_path / "state"))
+    before = copy.read_bytes()
+    months = [f"2023-{month:02d}-28" for month in range(1, 13)] + ["2024-01-30", "2024-01-31"]
+    with pytest.raises(InputError, match="more than one row for 2024-01, expected one a period"):
+        protect_step(model, BELIEF, copy, publish=True, periods=months)
+    assert copy.read_bytes() == before
+    days = ["2024-01-02", "2024-01-03", "2024-01-04"]  # daily rows are no months
+    assert protect_step(model, BELIEF, copy, publish=True, periods=days).n_published == 1
 
 
 def test_months_without_a_decision_pass_for_the_observer(small, tmp_path: Path) -> None:

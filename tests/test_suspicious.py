@@ -53,6 +53,17 @@ def test_seventy_zeros_are_named_and_rounded_values_are_not(fresh_rng: np.random
     assert suspicious_entries(rounded) == ()
 
 
+def test_two_rows_in_a_month_are_named(fresh_rng: np.random.Generator) -> None:
+    returns = monthly(fresh_rng, 30)
+    days = returns.index.to_list()
+    days[12] = days[11] - pd.Timedelta(days=1)
+    (said,) = suspicious_entries(returns.set_axis(pd.DatetimeIndex(sorted(days))))
+    assert said.startswith("no row for 2001-01: ")
+    assert said.endswith("; more than one row for 2000-12: each is taken for a step of its own")
+    twice = pd.date_range("2000-01", periods=31, freq="SME")
+    assert suspicious_entries(monthly(fresh_rng, 31).set_axis(twice)) == ()
+
+
 def test_a_gap_of_ten_months_is_named(fresh_rng: np.random.Generator) -> None:
     returns = monthly(fresh_rng)
     (said,) = suspicious_entries(returns.drop(returns.index[100:110]))

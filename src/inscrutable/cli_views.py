@@ -101,6 +101,11 @@ def views(
             "Caution: these weights sum to one. If they must, a constant added to all expected returns changes nothing: read "
             "them with --held long-only (or invested) --reference portfolio."
         )
+    if reference is None and held != "anything":
+        speech.sentence(
+            "Caution: weights that must sum to one determine no expected return by itself, as a constant added to all changes "
+            "nothing: read them with --reference portfolio, mean, or an asset."
+        )
     if problem.n_assets > _LONGEST_TABLE or len(read) > 1:
         speech.sentence("All portfolios and assets: --out FOLDER" if folder is None else f"All: {folder / 'views.csv'}")
     speech.files(files)
@@ -119,10 +124,15 @@ def _read(problem: AlphaProblem, of: tuple[Path, Any, pd.Series], **how: Any) ->
     try:
         problem.check_weights(row, beyond=rounding + tolerances.FEASIBILITY)
     except InputError as error:
-        hint = "; rounded weights need --digits, such as --digits 3" if digits is None else ""
+        hint = f"; rounded weights need --digits, here --digits {_decimals(row)}" if digits is None else ""
         where = f"{path}, row {label_text(label)}"
         raise InputError(f"{where}: {error}{hint}; percentages have to be divided by 100") from None
     return implied_views(problem, row, **how)
+
+
+def _decimals(row: pd.Series) -> int:
+    """The digits after the point of the numbers of a row, at most 15."""
+    return next((digits for digits in range(15) if row.round(digits).equals(row)), 15)
 
 
 def _numbers(path: Path, option: str) -> pd.DataFrame:

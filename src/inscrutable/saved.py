@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
-from inscrutable.errors import InputError
+from inscrutable.errors import InputError, InscrutableError
 from inscrutable.files import path_of, whole_file
 
 _FORMAT = "inscrutable-result-1"
@@ -90,8 +90,10 @@ class Saved:
                     raise InputError(f"its format is {described.get('format')!r}, expected {_FORMAT!r}")
                 found = _decode(described["result"], stored)
         except Exception as error:
-            # One damaged byte can raise anything in zlib, zipfile, numpy's header parser or a result's own checks.
-            raise InputError(f"{path} is not a saved result: {str(error) or type(error).__name__}") from error
+            # One damaged byte can raise anything in zlib, zipfile or numpy's header parser.
+            reason = "it is a folder" if source.is_dir() else "it is damaged"
+            told = str(error) if isinstance(error, (InscrutableError, FileNotFoundError)) else reason
+            raise InputError(f"{path} is not a saved result: {told}") from error
         if not isinstance(found, cls):
             raise InputError(f"{path} holds a {type(found).__name__}, expected a {cls.__name__}")
         return found

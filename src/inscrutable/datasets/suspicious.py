@@ -64,24 +64,22 @@ def suspicious_entries(returns: pd.DataFrame) -> tuple[str, ...]:
 
 
 def missing_steps(days: Sequence[datetime]) -> str:
-    """Return which rows are missing between increasing dates, as text; empty if none.
+    """Return which rows are missing between increasing dates, or are too many, as text; empty if none.
 
-    For steps of whole months the text names the missing months; for denser rows it names gaps longer than any run of holidays.
+    For steps of whole months the text names the months; for denser rows it names gaps longer than any run of holidays.
     """
-    months = [12 * day.year + day.month - 1 for day in days]
-    steps = [after - before for before, after in pairwise(months)]
-    if not steps:
-        return ""
-    usual, times = Counter(steps).most_common(1)[0]
-    if min(steps) >= 1 and 2 * times > len(steps):
+    months, usual = _months(days)
+    if usual:
         missing = [
-            f"{month // 12}-{month % 12 + 1:02d}"
+            _month_text(month)
             for before, after in pairwise(months)
             if after - before > usual
             for month in range(before + usual, after, usual)
         ]
-        return _gap_text("no row for", missing)
-    if len(steps) < _AROUND:
+        twice = crowded_months(days)
+        more = f"more than one row for {_few(twice)}: each is taken for a step of its own" if twice else ""
+        return "; ".join(filter(None, [_gap_text("no row for", missing), more]))
+    if len(days) <= _AROUND:
         return ""  # too few rows to determine the usual step
     lengths = [(after - before).total_seconds() / 86400.0 for before, after in pairwise(days)]
     longest = max(tolerances.LONGEST_HOLIDAYS, 1.9 * float(np.median(lengths)))
@@ -93,11 +91,32 @@ def missing_steps(days: Sequence[datetime]) -> str:
     return _gap_text("no row between", spans)
 
 
+def crowded_months(days: Sequence[datetime]) -> list[str]:
+    """Return the months with more than one row, where rows are usually one or more months apart."""
+    months, usual = _months(days)
+    return [_month_text(month) for month, count in Counter(months).items() if count > 1] if usual else []
+
+
+def _months(days: Sequence[datetime]) -> tuple[list[int], int]:
+    """Months of dates, counted from year 0, and the usual step between them; 0 where rows are denser or no step is usual."""
+    months = [12 * day.year + day.month - 1 for day in days]
+    steps = Counter(after - before for before, after in pairwise(months))
+    usual, times = steps.most_common(1)[0] if steps else (0, 0)
+    # Rows twice a month are no rows too many: where some share a month, nearly all others must be apart.
+    least = 0.5 if 0 not in steps else 0.9
+    return months, usual if times > least * (len(days) - 1) else 0
+
+
+def _month_text(month: int) -> str:
+    return f"{month // 12}-{month % 12 + 1:02d}"
+
+
 def _gap_text(what: str, named: list[str]) -> str:
-    if not named:
-        return ""
-    more = f" and {len(named) - _LISTED} more" if len(named) > _LISTED else ""
-    return f"{what} {', '.join(named[:_LISTED])}{more}: the row after a gap is taken for the next step, like any other"
+    return f"{what} {_few(named)}: the row after a gap is taken for the next step, like any other" if named else ""
+
+
+def _few(named: list[str]) -> str:
+    return ", ".join(named[:_LISTED]) + (f" and {len(named) - _LISTED} more" if len(named) > _LISTED else "")
 
 
 def _scale(centred: Array) -> float:

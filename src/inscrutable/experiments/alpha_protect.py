@@ -11,7 +11,6 @@ import pandas as pd
 
 from inscrutable import validation
 from inscrutable.alphas import AlphaDecisionMaker, AlphaDraw
-from inscrutable.datasets import output_folder
 from inscrutable.errors import InputError
 from inscrutable.labels import label_text
 from inscrutable.validation import Array
@@ -167,7 +166,6 @@ def protect_alphas(
             if Path(state).exists():
                 sequence.load(state)
             else:
-                output_folder(Path(state).parent)
                 sequence.save(state)
             if read is not None and sequence.n_published:
                 sequence.observe(read[0])

@@ -117,8 +117,8 @@ class Requirement:
             return f"not known, as {unread}"
         held = [each for each in known if self.is_met(each)]
         missed = [each for each in known if not self.is_met(each)]
-        told = f"by {self._listed(held)}" if held else "by none"
-        if missed:
+        told = f"by {self._listed(held)}" if held else f"by none of {self._listed(missed)}"
+        if held and missed:
             told += f", not by {self._listed(missed)}"
         return f"{told} ({unread})" if blind else told
 

@@ -123,9 +123,12 @@ class Protection:
         if len(self) == 1:
             told = ("explained by no belief" if np.isnan(each.error) else f"{each.error:.2f}" for each in reached)
             errors = ", ".join(f"{each.name} {error}" for each, error in zip(reached, told, strict=True))
+            many = (
+                " Many beliefs explain the optimal weights, yours among them." if self.optimal_sets[0].dimension else ""
+            )
             return (
                 "Error of the naive observer, who takes the weights at face value: "
-                f"{errors}; without weights {asked.error_without:.2f}.\n{than}\n"
+                f"{errors}; without weights {asked.error_without:.2f}.{many}\n{than}\n"
                 "A backtest and a comparison judge whether many decisions are hidden, also from the aware observer, who knows "
                 "the rule."
             )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.budgets import Budget, SilenceShare, as_budget
-from inscrutable.datasets import output_folder
+from inscrutable.datasets import crowded_months
 from inscrutable.decision_makers import DecisionSequence, MixedDecision, SequentialDecisionMaker
 from inscrutable.decision_makers.sequential.sequence import StepFigures
 from inscrutable.decision_makers.sequential.state import SequenceState
@@ -162,9 +163,14 @@ class ProtectedStep:
             if not self.is_dated:
                 lines.append("No date is recorded: publish once a period, as each time counts as one more.")
         lines.append(
-            f"{_counted(self.n_published)} published so far: {BASIS_POINTS * self.spent:.3g} bp of wealth, {self.told:.3f} "
-            f"bits. In the long run the observer's error is {self.long_run_error:.3f}; the ceiling is {self.ceiling:.3f}, on a "
-            f"grid of {self.n_beliefs} beliefs, and the error without decisions {self.prior_error:.3f}."
+            f"{_counted(self.n_published)} published so far: {BASIS_POINTS * self.spent:.3g} bp of wealth and {self.told:.3f} "
+            f"bits, in expectation by the observer's law; the budget for as many is "
+            f"{BASIS_POINTS * self.budget * self.n_published:.3g} bp."
+        )
+        lines.append(
+            f"In the long run of the model the observer's error is {self.long_run_error:.3f}; the ceiling is "
+            f"{self.ceiling:.3f}, on a grid of {self.n_beliefs} beliefs, and the error without decisions "
+            f"{self.prior_error:.3f}. A backtest says whether this hides the belief on your data."
         )
         if self.published is None:
             if self.latest is not None:
@@ -240,8 +246,10 @@ def protect_step(
     problem, path = model.problem, Path(state)
     held = validation.one_belief(belief, problem.n_states, names=model.regimes)
     source = np.random.default_rng() if rng is None else validation.generator(rng)
-    if not path.exists():
-        output_folder(path.parent)  # before the minute of its calibration
+    if (
+        not path.parent.exists()
+    ):  # told before the minute of a calibration; a mistyped path must begin no other sequence
+        raise InputError(f"the folder of {path} does not exist: make it, or correct the path")
     chain = chain_of(model.world)
     limit = sequence_budget(model, chain.prior, path) if budget is None else as_budget(budget)
     maker = SequentialDecisionMaker(problem, limit, chain=chain, turnover=model.turnover, rng=source)
@@ -268,6 +276,9 @@ def sequence_budget(model: InvestorModel, prior: Prior, path: Path) -> Budget:
 def _begin(sequence: DecisionSequence, periods: Sequence[str], path: Path, *, publish: bool) -> int:
     """Let the time since the last decision pass, and note that of the next; return how many periods had no decision."""
     last, now = sequence.period, periods[-1] if periods else None
+    crowded = crowded_months([datetime.fromisoformat(each) for each in periods])
+    if crowded:
+        raise InputError(f"the returns have more than one row for {', '.join(crowded[:8])}, expected one a period")
     if last is not None and periods and periods[0] < last < periods[-1] and last not in periods:
         raise InputError(
             f"{path} has a decision on data to {last}, a date that these returns do not have: a date that was changed would "

@@ -18,6 +18,8 @@ from inscrutable.reports.names import FULL_NAMES, full_name
 _POINTS = 1e4  # basis points of a return
 _FAR_ABOVE = 3.0
 """The worst decision is told where its regret exceeds the mean by this factor."""
+_CLEARLY = 0.05
+"""Share of the error without weights by which an error is smaller than another for a caution."""
 _NEARLY_ALWAYS = 0.9
 """A commonest regime that is right in more of the decisions than this leaves few to judge by."""
 
@@ -325,6 +327,11 @@ def cautions(result: Backtest) -> list[str]:
         ]
     if hiding and _few_others(result) and len(nothing) < len(_SEEN):
         said.append(f"Few {result.market.frequency.word}s tell whether the regime is hidden: {_few_others(result)}.")
+    for name in filter(lambda each: _informs(result, each), hiding):
+        errors = (f"{figures[each]['error_followed']:.2f}" for each in (name, odm))
+        said.append(
+            f"{name} informs the aware observer better than no protection: error {' instead of '.join(errors)}."
+        )
     for name in hiding:
         named = figures[name]["share_regime_named"]
         if len(result.regimes) == 2 and named < 0.5 * figures[odm]["base_rate"]:
@@ -334,6 +341,12 @@ def cautions(result: Backtest) -> list[str]:
                 f"{name}: the likeliest regime is hardly hidden: named in {_share(named)} instead of {_share(optimal)}."
             )
     return said
+
+
+def _informs(result: Backtest, name: str) -> bool:
+    """Whether the aware observer over time errs clearly less under a rule than under optimal decisions."""
+    unprotected, reached = (result.figures[each]["error_followed"] for each in (result.names[0], name))
+    return bool(reached < unprotected - _CLEARLY * result.figures[name]["error_without"])
 
 
 def _few_others(result: Backtest) -> str:

@@ -128,7 +128,8 @@ class SecretAudit(Saved):
         worth = 1.0 - (self.error_limit / self.guess_error) ** 2 if self.guess_error > 0 else 0.0
         return (
             f"the best observer errs by at most {self.error_limit:.4g} ({LEVEL:.0%} confidence; this one by {self.error:.4g}; "
-            f"root mean square), without decisions {self.guess_error:.4g}: R² at least {max(worth, 0.0):.1%}"
+            f"root mean square), without decisions {self.guess_error:.4g}: "
+            + (f"R² at least {worth:.1%}" if worth > 0.0 else "so no part of it is sure to be explained")
         )
 
 

@@ -197,6 +197,8 @@ def test_two_rows_in_a_month_are_refused(small, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="more than one row for 2024-01, expected one a period"):
         protect_step(model, BELIEF, copy, publish=True, periods=months)
     assert copy.read_bytes() == before
+    with pytest.raises(InputError, match="periods must be dates"):
+        protect_step(model, BELIEF, copy, periods=["January"])
     days = ["2024-01-02", "2024-01-03", "2024-01-04"]  # daily rows are no months
     assert protect_step(model, BELIEF, copy, publish=True, periods=days).n_published == 1
 

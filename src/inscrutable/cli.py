@@ -456,6 +456,8 @@ def protect(
     _show_protection(found)
     if means.returns is not None:
         results().print(IF_PUBLIC)
+    if folder is None and len(found) > 1:
+        results().print("The weights of all rows: --out FOLDER writes them.")
     speech.files(files)
 
 
@@ -485,7 +487,6 @@ def _show_protection(found: Protection) -> None:
         show_table(option_lines(found, 0), "What to publish, what it costs, and what an observer concludes from it")
     else:
         show_table(row_lines(found), "What to publish (CDM), what it costs, and what an observer concludes from it")
-        results().print("The weights of all rows: --out FOLDER writes them.")
     results().print(f"{capital(found.summary())}.")
     if found.verdict:
         results().print(found.verdict)

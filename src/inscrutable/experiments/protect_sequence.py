@@ -246,9 +246,7 @@ def protect_step(
     problem, path = model.problem, Path(state)
     held = validation.one_belief(belief, problem.n_states, names=model.regimes)
     source = np.random.default_rng() if rng is None else validation.generator(rng)
-    if (
-        not path.parent.exists()
-    ):  # told before the minute of a calibration; a mistyped path must begin no other sequence
+    if not path.parent.exists():  # before the minute of a calibration; a mistyped path begins no other sequence
         raise InputError(f"the folder of {path} does not exist: make it, or correct the path")
     chain = chain_of(model.world)
     limit = sequence_budget(model, chain.prior, path) if budget is None else as_budget(budget)
@@ -276,7 +274,10 @@ def sequence_budget(model: InvestorModel, prior: Prior, path: Path) -> Budget:
 def _begin(sequence: DecisionSequence, periods: Sequence[str], path: Path, *, publish: bool) -> int:
     """Let the time since the last decision pass, and note that of the next; return how many periods had no decision."""
     last, now = sequence.period, periods[-1] if periods else None
-    crowded = crowded_months([datetime.fromisoformat(each) for each in periods])
+    try:
+        crowded = crowded_months([datetime.fromisoformat(each) for each in periods])
+    except (TypeError, ValueError) as error:
+        raise InputError(f"periods must be dates such as 2024-03-31: {error}") from None
     if crowded:
         raise InputError(f"the returns have more than one row for {', '.join(crowded[:8])}, expected one a period")
     if last is not None and periods and periods[0] < last < periods[-1] and last not in periods:

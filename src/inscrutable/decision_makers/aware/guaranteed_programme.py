@@ -38,10 +38,19 @@ NO_COLUMN, SHARED = -1, -2
 
 MOST_ROUNDS = 100
 _NEAR = 4
+"""Columns for which a cut is made, itself included. With one, of 29 rules for 6 to 20 beliefs three are no longer proved and
+one value is 2.4 % worse, in 1.3 times the time; with twelve they take 1.2 times."""
 _WHOLE = 15_000
-"""Pairs of belief and decision up to which all decisions are there from the first: a programme takes about a second then."""
-_FIRST, _PREFERRED, _TEMPTING = 24, 6, 12  # decisions at first, and how many enter at a time
-_FRESH = 3  # rounds that a decision of probability 0 stays, unless it entered for its reduced cost
+"""Pairs of belief and decision up to which all decisions are there from the first: the bound is then exact. Nine rules for 84
+to 136 beliefs take 2.3 times as long if all are always there, and .57 of the time if they never are, but then single ones
+3.9 times, with gaps up to 4e-5 instead of 0."""
+_FIRST, _PREFERRED, _TEMPTING = 24, 6, 12
+"""Decisions at first, and how many enter at a time. With 8 at first these nine take as long, with 72 1.65 times; with 2 or 18
+preferred 1.1 and 1.0 times, with 4 or 36 tempting 1.06 and 1.0."""
+_FRESH = 3
+"""Rounds that a decision of probability 0 stays, unless it entered for its reduced cost. If it stays for ever, floors of the
+naming error for 120 and 231 beliefs take 1.3 times as long, other rules as long; with one round single rules take 1.8
+times."""
 
 
 @dataclass(frozen=True, eq=False)

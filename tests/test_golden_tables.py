@@ -32,7 +32,8 @@ def assert_same(found: pd.DataFrame, wanted: pd.DataFrame, *, rtol: float, atol:
 
 def test_a_comparison_has_the_figures_it_had() -> None:
     """To 1e-3. Of the PDM's lotteries, which are equally private, others were found since: what else is made of them moves
-    by 1.5e-3. The sequential rule is simulated: where a last digit moves a draw, its figures move with its prices."""
+    by 1.5e-3. The sequential rule is simulated: where a last digit moves a draw, its figures move with its prices. Of the
+    Stackelberg rules of largest error another is found since, which spends less and leaves more at equal spending."""
     settings = ComparisonSettings(budgets=(0.5,), repeats=(1, 10), draws=100)
     study = comparison_study(settings, market="paper", resolution=6, seed=0)
     found, _ = compared(study, None, say=lambda text: None, progress=lambda done, total: None)
@@ -40,7 +41,10 @@ def test_a_comparison_has_the_figures_it_had() -> None:
     frame = found.frame().set_index("maker")
     counted = ["n_actions"]  # moves with the last digits of a budget
     frame, wanted = frame.drop(columns=counted), wanted.drop(columns=counted)
-    moved = ["PDM", "sequential"]
+    moved = ["PDM", "sequential", "Stackelberg"]
     assert_same(frame.drop(moved), wanted.drop(moved), rtol=1e-3, atol=1e-9)
     assert_same(frame.loc[["PDM"]], wanted.loc[["PDM"]], rtol=2e-3, atol=1e-9)
     assert_same(frame.loc[["sequential"]], wanted.loc[["sequential"]], rtol=1e-2, atol=1e-9)
+    spent = ["expected_regret"]
+    assert_same(frame.loc[["Stackelberg"], spent], wanted.loc[["Stackelberg"], spent], rtol=1e-3, atol=1e-9)
+    assert float(frame.loc["Stackelberg", "bayes_error"]) >= float(wanted.loc["Stackelberg", "bayes_error"])

@@ -318,7 +318,7 @@ def _cost_figures(result: Backtest, record: Record) -> dict[str, float]:
         "mean_regret_share": float(relative_increase(regret.sum(), own.sum())),
         "mean_expected_regret": float(expected.mean()),
         "mean_expected_regret_share": float(relative_increase(expected.sum(), own.sum())),
-        "largest_regret_share": float(record.relative_increase.max()),
+        "largest_regret": float(regret.max()),
         "mean_regret_of_silence": float(regret.mean()) / silence if silence > 0 else float("nan"),
     }
 

@@ -122,7 +122,7 @@ def _rows(result: Backtest) -> list[_Row]:
         _Row("mean_regret", f"regret, mean, bp of risk-adjusted return per {word}", _BASIS_POINTS),
         _Row("mean_regret_share", "regret, % of the optimal cost, both summed", _PERCENT),
         _Row("mean_expected_regret_share", "  the same in expectation over the lottery", _PERCENT),
-        _Row("largest_regret_share", f"regret, largest in a {word}, % of the optimal cost", _PERCENT),
+        _Row("largest_regret", f"regret, largest in a {word}, bp of risk-adjusted return", _BASIS_POINTS),
         _Row("mean_regret_of_silence", "regret, mean, % of silence in hindsight", _PERCENT, ".0f"),
         _Row("mean_privacy", f"privacy, mean ({_goal(result)})", style=".3f"),
         _Row("n_privacy_not_finite", f"  {word}s left out: goal missed, or set empty", style=".0f"),

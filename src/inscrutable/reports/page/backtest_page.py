@@ -12,6 +12,7 @@ import numpy as np
 from inscrutable.decision_makers import Frontier
 from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest
 from inscrutable.experiments.holding import Requirement, estimate_quality
+from inscrutable.experiments.investor_model import BASIS_POINTS
 from inscrutable.geometry import BeliefSet
 from inscrutable.reports.backtest import notes_of, timing_of, warnings_of, written_table
 from inscrutable.reports.backtest_plots import draw_hidden, step_of
@@ -329,10 +330,10 @@ def _figures_over_time(result: Backtest) -> list[PageFigure]:
     word, absent = result.market.frequency.word, ""
     if result.sequential is not None:
         figures = result.figures[SEQUENTIAL]
+        mean, most = (BASIS_POINTS * figures[name] for name in ("mean_regret", "largest_regret"))
         absent = (
             f" The {FULL_NAMES[SEQUENTIAL]} rule, whose budget holds in the long run, is not drawn: its regret is "
-            f"{figures['mean_regret_share']:.0%} of the optimal cost on average, at most "
-            f"{figures['largest_regret_share']:.0%} in a {word}."
+            f"{mean:.2g} basis points on average, at most {most:.2g} in a {word}."
         )
     return [
         PageFigure(

@@ -33,7 +33,7 @@ def assert_same(found: pd.DataFrame, wanted: pd.DataFrame, *, rtol: float, atol:
 def test_a_comparison_has_the_figures_it_had() -> None:
     """To 1e-3. Of the PDM's lotteries, which are equally private, others were found since: what else is made of them moves
     by 1.5e-3. The sequential rule is simulated: where a last digit moves a draw, its figures move with its prices. Of the
-    Stackelberg rules of largest error another is found since, which spends less and leaves more at equal spending."""
+    Stackelberg rules of largest error another is found since, which leaves more at equal spending."""
     settings = ComparisonSettings(budgets=(0.5,), repeats=(1, 10), draws=100)
     study = comparison_study(settings, market="paper", resolution=6, seed=0)
     found, _ = compared(study, None, say=lambda text: None, progress=lambda done, total: None)

@@ -208,7 +208,8 @@ def test_a_price_is_found_where_regret_falls_steeply(fresh_rng: np.random.Genera
         found = calibration.calibrated(maker.table, maker.law, maker.limit, ALONE, fresh_rng)
     assert found.status is PriceStatus.CALIBRATED
     assert found.regret == pytest.approx(maker.limit, rel=tolerances.SPENDING_MET)
-    assert asked.count(max(asked)) <= 3
+    # Three long simulations; two more, in 6 of 81 seeds, where the prices of the short ones look like a leap.
+    assert asked.count(max(asked)) <= 5
 
 
 def test_a_regret_that_leaps_past_the_budget_is_met_by_two_prices(fresh_rng: np.random.Generator) -> None:

@@ -196,11 +196,17 @@ def test_two_rows_in_a_month_are_refused(small, tmp_path: Path) -> None:
     months = [f"2023-{month:02d}-28" for month in range(1, 13)] + ["2024-01-30", "2024-01-31"]
     with pytest.raises(InputError, match="more than one row for 2024-01, expected one a period"):
         protect_step(model, BELIEF, copy, publish=True, periods=months)
+    with pytest.raises(InputError, match="more than one row"):
+        protect_step(model, BELIEF, tmp_path / "new", periods=months)
+    assert not (tmp_path / "new").exists()
     assert copy.read_bytes() == before
     with pytest.raises(InputError, match="periods must be dates"):
         protect_step(model, BELIEF, copy, periods=["January"])
     days = ["2024-01-02", "2024-01-03", "2024-01-04"]  # daily rows are no months
     assert protect_step(model, BELIEF, copy, publish=True, periods=days).n_published == 1
+    with pytest.raises(InputError, match="whose dates count the periods"):
+        protect_step(model, BELIEF, copy, publish=True)
+    assert protect_step(model, BELIEF, copy).n_published == 1  # a look needs no date
 
 
 def test_months_without_a_decision_pass_for_the_observer(small, tmp_path: Path) -> None:

@@ -223,7 +223,8 @@ def protect_step(
 
     Raises:
         InputError: An argument is malformed, the file is damaged or of another problem or budget, or in use, or has a decision
-            on the last period or a later one, or on a date between the periods; it is unchanged.
+            on the last period or a later one, or on a date between the periods, or on any period where none is given for a
+            decision to publish; it is unchanged.
         SolverError: No price was found at which the budget is met.
 
     Cost: some milliseconds, plus a calibration of up to a minute for a new file.
@@ -246,6 +247,7 @@ def protect_step(
     problem, path = model.problem, Path(state)
     held = validation.one_belief(belief, problem.n_states, names=model.regimes)
     source = np.random.default_rng() if rng is None else validation.generator(rng)
+    _check_periods(periods)
     if not path.parent.exists():  # before the minute of a calibration; a mistyped path begins no other sequence
         raise InputError(f"the folder of {path} does not exist: make it, or correct the path")
     chain = chain_of(model.world)
@@ -271,15 +273,23 @@ def sequence_budget(model: InvestorModel, prior: Prior, path: Path) -> Budget:
     return SilenceShare(SHARE_OF_SILENCE).of(silence_regret(model.problem, prior.beliefs, prior.weights))
 
 
-def _begin(sequence: DecisionSequence, periods: Sequence[str], path: Path, *, publish: bool) -> int:
-    """Let the time since the last decision pass, and note that of the next; return how many periods had no decision."""
-    last, now = sequence.period, periods[-1] if periods else None
+def _check_periods(periods: Sequence[str]) -> None:
     try:
         crowded = crowded_months([datetime.fromisoformat(each) for each in periods])
     except (TypeError, ValueError) as error:
         raise InputError(f"periods must be dates such as 2024-03-31: {error}") from None
     if crowded:
         raise InputError(f"the returns have more than one row for {', '.join(crowded[:8])}, expected one a period")
+
+
+def _begin(sequence: DecisionSequence, periods: Sequence[str], path: Path, *, publish: bool) -> int:
+    """Let the time since the last decision pass, and note that of the next; return how many periods had no decision."""
+    last, now = sequence.period, periods[-1] if periods else None
+    if publish and last is not None and now is None:
+        raise InputError(
+            f"{path} has a decision on data to {last}: publish with the returns until now (--returns), whose dates count the "
+            "periods"
+        )
     if last is not None and periods and periods[0] < last < periods[-1] and last not in periods:
         raise InputError(
             f"{path} has a decision on data to {last}, a date that these returns do not have: a date that was changed would "

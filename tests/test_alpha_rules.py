@@ -69,8 +69,14 @@ def solved(objective: cp.Expression, rows: list[cp.Constraint]) -> float:
 
 
 def bits_by_cones(moves: Array, root: Array, theta: Array, limit: float) -> float:
-    """Least bits a step for W = F F' of any rank and an invertible A, as a determinant programme."""
+    """Least bits a step for W = F F' of full rank, or of any rank and an invertible A, as a determinant programme."""
     n, q = root.shape
+    if n == q:  # solved to more digits
+        error, inner = cp.Variable((n, n), PSD=True), cp.Variable((n, n), PSD=True)
+        before = moves @ error @ moves.T + root @ root.T
+        rows = [cp.bmat([[error - inner, error @ moves.T], [moves @ error, before]]) >> 0, before - error >> 0]
+        value = solved(cp.Maximize(cp.log_det(inner)), [*rows, cp.trace(theta @ error) <= limit])
+        return float(np.log2(abs(np.linalg.det(root))) - 0.5 * value / np.log(2.0))
     error, inner = cp.Variable((n, n), PSD=True), cp.Variable((q, q), PSD=True)
     before = moves @ error @ moves.T + root @ root.T
     rows = [cp.bmat([[np.eye(q) - inner, root.T], [root, before]]) >> 0, before - error >> 0]
@@ -296,6 +302,31 @@ def test_matrices_over_time_against_cone_programmes(n: int, rank: int, radius: f
     assert kept.value == pytest.approx(most, rel=1e-5)
     assert kept.bound >= most * (1 - 1e-6)
     assert kept.gap <= 1e-5
+
+
+@pytest.mark.parametrize(
+    ("seed", "n", "radius", "share"),
+    [
+        (4247780474, 3, 0.9, 0.5),
+        (4247780474, 3, 1.1, 0.5),
+        (1049, 3, 1.1, 0.5),
+        (3077, 3, 1.1, 0.5),
+        (3051, 2, 1.3, 0.5),
+    ],
+)
+def test_problems_on_which_the_iteration_over_time_ends_have_a_best_rule(
+    seed: int, n: int, radius: float, share: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    transition, root = stable(rng, n, radius), rng.standard_normal((n, n))
+    theta = covariance(rng, n)
+    moves = Moves.private(transition, root @ root.T)
+    held = moves.silence()
+    limit = share * float(np.trace(theta @ (moves.innovation if held is None else held)))
+    told = least_bits(moves, theta, limit)
+    assert told.gap <= 1e-6
+    assert told.regret == pytest.approx(limit, rel=1e-8)
+    assert told.value == pytest.approx(bits_by_cones(transition, root, theta, limit), abs=2e-4)
 
 
 @pytest.mark.parametrize(("n", "rank", "radius", "share"), MATRICES)

@@ -10,6 +10,7 @@ import cvxpy
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.optimize import linprog
 from threadpoolctl import threadpool_limits
 
 from inscrutable import (
@@ -42,11 +43,20 @@ def risk_of(rng: np.random.Generator, n: int = N, k: int = 2) -> FactorRisk:
     return FactorRisk(rng.normal(size=(n, k)), np.diag(rng.uniform(0.5, 2.0, k)), rng.uniform(0.5, 2.0, n))
 
 
+def neutral_row(rng: np.random.Generator) -> Array:
+    """Draw the sensitivities of N assets to a factor until portfolios within -.5 and .7 reach .1."""
+    while True:
+        row = rng.normal(size=N)
+        least, most = (s * linprog(s * row, None, None, np.ones((1, N)), [1.0], (-0.5, 0.7)).fun for s in (1.0, -1.0))
+        if least < 0.1 < most:
+            return row
+
+
 def regions(rng: np.random.Generator) -> dict[str, Polyhedron | None]:
     budget = Polyhedron(A_eq=np.ones((1, N)), b_eq=[1.0])
     caps = simplex(N) & box(np.zeros(N), np.full(N, 0.4))
     sector = Polyhedron(A_ub=[[1.0, 1.0, 1.0, 0.0, 0.0, 0.0]], b_ub=[0.3])
-    neutral = Polyhedron(A_eq=np.vstack([np.ones(N), rng.normal(size=N)]), b_eq=[1.0, 0.1])
+    neutral = Polyhedron(A_eq=np.vstack([np.ones(N), neutral_row(rng)]), b_eq=[1.0, 0.1])
     bounds = box(np.full(N, -0.5), np.full(N, 0.7))
     return {"free": None, "budget": budget, "caps": caps, "sector": caps & sector, "neutral": neutral & bounds}
 

@@ -90,8 +90,9 @@ def lifted_bounds(problem, action, limits, *, floors, sums):
         if most - np.abs(action - center).sum() >= slack:
             continue
         moved = action - center
-        # A bend nearer to a floor than the least slack: the decision is at one of the two, the nearer one.
-        at_floor = [np.abs(action - low) < np.abs(moved) - 1e-9 for low in floors]
+        # A bend nearer to a floor than the least slack: the decision is at the nearer one of the two; at both
+        # where less than a hundredth of the slack is between them.
+        at_floor = [np.abs(action - low) < np.abs(moved) - 0.01 * slack for low in floors]
         bend = np.flatnonzero((np.abs(moved) < slack) & ~np.any(at_floor, axis=0))
         signs = np.sign(moved)
         signs[bend] = 0.0
@@ -101,7 +102,7 @@ def lifted_bounds(problem, action, limits, *, floors, sums):
             rules += [(place, place + 1 + k, 1.0), (place, place + 1 + k, -1.0)]
         place += 1 + bend.size
     for low in floors:
-        at_bend = [np.abs(action - center) < np.abs(action - low) - 1e-9 for center, _ in limits]
+        at_bend = [np.abs(action - center) < np.abs(action - low) - 0.01 * slack for center, _ in limits]
         held = np.flatnonzero((action - low < slack) & ~np.any(at_bend, axis=0))
         columns.append(-np.eye(size)[:, held])
         bounds += [(0, None)] * held.size

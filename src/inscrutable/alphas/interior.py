@@ -12,6 +12,7 @@ Tütüncü, On the Nesterov–Todd direction in semidefinite programming (SIAM J
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -82,7 +83,9 @@ def _even(matrix: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Programme:
+class ErrorProgramme:
+    """The constraints, and the objective tr(QE)."""
+
     moves: Moves
     theta: Array
     weights: Array
@@ -136,10 +139,33 @@ class _Programme:
         return _Point(error, shown + max(0.0, size - least) * np.eye(len(error)), later, price)
 
 
+def upper_matrix(products: Sequence[tuple[float, Array]], theta: Array, rate: float) -> Array:
+    """Return the upper triangle of the matrix of X ↦ Σ s F X F' + rate · Θ tr(ΘX), for pairs s, F with as many F' as F.
+
+    Its unknowns are the entries of X on and above the diagonal; those above count √2 times, so that the matrix is symmetric.
+    """
+    first, second = places = np.triu_indices(len(theta))
+    twice = np.where(first == second, 1.0, np.sqrt(2.0))
+    weighed = theta[places] * twice
+    found = np.zeros((len(first), len(first)))
+    columns = [(sign, each, each[:, first], each[:, second]) for sign, each in products]
+    start = 0
+    for i in range(len(theta)):  # rows (i, j) with j ≥ i; columns from (i, i) on
+        end = start + len(theta) - i
+        rows, scale = found[start:end, start:], twice[start:end, None] * twice[start:] / 2.0
+        for sign, _, low, high in columns:
+            rows += sign * low[i, start:] * high[i:, start:]
+            rows += sign * high[i, start:] * low[i:, start:]
+        rows *= scale
+        rows += rate * weighed[start:end, None] * weighed[start:]
+        start = end
+    return found
+
+
 class _Newton:
     """Scaled Newton equations at a point; one factor solves every right-hand side."""
 
-    def __init__(self, programme: _Programme, point: _Point) -> None:
+    def __init__(self, programme: ErrorProgramme, point: _Point) -> None:
         both, kept, _ = programme.rows
         self.point, self.spare = point, programme.spare(point.error)
         self.error = _scaled(point.error, point.shown)
@@ -161,26 +187,12 @@ class _Newton:
         return _even(self._both.T @ step @ self._both - self._kept.T @ step @ self._kept)
 
     def _matrix(self) -> Array:
-        """Return the upper triangle of the equations' matrix, for the entries of X on and above its diagonal."""
+        """Return the equations' matrix."""
         mixed = self._both.T @ self._kept
-        signed = (
+        products = (
             (1.0, self._both.T @ self._both), (1.0, self._kept.T @ self._kept), (-1.0, mixed), (-1.0, mixed.T),
         )  # fmt: skip
-        n = len(self._theta)
-        first, second = self._places
-        weighed = self._theta[self._places] * self._twice
-        found = np.zeros((len(first), len(first)))
-        columns = [(sign, each, each[:, first], each[:, second]) for sign, each in signed]
-        start = 0
-        for i in range(n):  # rows (i, j) with j ≥ i; columns from (i, i) on
-            end = start + n - i
-            rows, scale = found[start:end, start:], self._twice[start:end, None] * self._twice[start:] / 2.0
-            for sign, _, low, high in columns:
-                rows += sign * low[i, start:] * high[i:, start:]
-                rows += sign * high[i, start:] * low[i:, start:]
-            rows *= scale
-            rows += self._rate * weighed[start:end, None] * weighed[start:]
-            start = end
+        found = upper_matrix(products, self._theta, self._rate)
         found[np.diag_indices(len(found))] += 1.0
         return found
 
@@ -250,7 +262,7 @@ def most_error_inside(moves: Moves, theta: Array, weights: Array, limit: float) 
 
     Cost: some 12 steps of O(n⁶) time and O(n⁴) memory: 2 s and 0.2 GB a step for 100 signals.
     """
-    programme = _Programme(moves, theta, weights, limit)
+    programme = ErrorProgramme(moves, theta, weights, limit)
     point, inside = programme.start(), None
     for _ in range(_MOST_STEPS):
         try:

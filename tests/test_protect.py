@@ -104,7 +104,7 @@ def test_the_verdict_says_what_silence_costs() -> None:
     silence = np.mean([problem.regret(each, own) for each in path[::20]])
     for budget, dearer in ((0.2 * silence, False), (3.0 * silence, True)):
         said = protect(MODEL, BELIEFS[:1], Budget.regret(budget), rng=np.random.default_rng(1)).verdict
-        told = float(said.partition("reveals nothing and costs ")[2].split()[0])
+        told = 1e-4 * float(said.partition("reveals nothing and costs ")[2].partition(" bp")[0])
         assert told == pytest.approx(silence, rel=0.1)
         assert ("not more than these weights" in said) == dearer
 

@@ -53,6 +53,15 @@ def test_seventy_zeros_are_named_and_rounded_values_are_not(fresh_rng: np.random
     assert suspicious_entries(rounded) == ()
 
 
+def test_zeros_of_what_is_seldom_traded_are_no_cells_filled_in(fresh_rng: np.random.Generator) -> None:
+    returns = fresh_rng.normal(0, 0.01, size=(1000, 4))
+    returns[fresh_rng.random(returns.shape) < 0.7] = 0.0
+    assert suspicious_entries(pd.DataFrame(returns)) == ()
+    returns[300:400, 2] = 0.0
+    (said,) = suspicious_entries(pd.DataFrame(returns))
+    assert said.startswith("2 from ")
+
+
 def test_two_rows_in_a_month_are_named(fresh_rng: np.random.Generator) -> None:
     returns = monthly(fresh_rng, 30)
     days = returns.index.to_list()

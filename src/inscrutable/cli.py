@@ -381,7 +381,7 @@ def protect(
 
     Args:
         model: The model.json of a backtest, or a model.toml of your own with regimes; for beliefs, not for `--alphas`.
-        belief: Your belief over the model's regimes, such as 0.2,0.3,0.5.
+        belief: Your belief over the model's regimes, such as 0.2,0.3,0.5. It has no date: with `--publish`, once a period.
         beliefs: CSV of beliefs: dates, then one column per regime.
         weights: CSV of planned weights; the belief behind them is inferred as an observer would.
         budget: The regret allowed for privacy: a share of |c*| such as 0.1 or 10%, a regret such as 5bp or regret:0.002 in the

@@ -136,8 +136,9 @@ Out = Annotated[Path, Parameter(group=OUTPUT)]
 
 
 def belief_of(text: str, option: str) -> list[float]:
-    """Return the belief of "0.2,0.3,0.5"; the library checks its sum."""
-    return [_number(part, option) for part in text.split(",")]
+    """Return the belief of "0.2,0.3,0.5" or "20%,30%,50%"; the library checks its sum."""
+    parts = [part.strip() for part in text.split(",")]
+    return [0.01 * _number(part[:-1], option) if part.endswith("%") else _number(part, option) for part in parts]
 
 
 def measure_of(name: MeasureName, target: str | None) -> PrivacyMeasure:

@@ -214,17 +214,21 @@ def _repeats(returns: pd.DataFrame, column: int) -> list[str]:
     starts = np.flatnonzero(np.concatenate([[True], own[1:] != own[:-1]]))
     lengths = np.diff(np.append(starts, len(own)))
     longest = int(lengths.max())
-    # Frequency of repetitions outside the longest run, as in rounded values.
+    # Rounded values repeat by chance: as often as outside the longest run, or as the value itself outside its run.
     often = (len(own) - len(starts) - (longest - 1)) / max(len(own) - longest, 1)
-    least = tolerances.LEAST_REPEATS
-    while often > 0 and often ** (least - 1) * len(own) > tolerances.SPLIT_CHANCE and least <= len(own):
-        least += 1
-    return [
-        f"{label_text(returns.columns[column])} from {_row(returns, int(start))} to {_row(returns, int(start + length - 1))}: "
-        f"the same return, {own[start]:.4g}, in {length} rows running; prices that stand still or cells that were filled in"
-        for start, length in zip(starts, lengths, strict=True)
-        if length >= least
-    ]
+    found = []
+    for start, length in zip(starts, lengths, strict=True):
+        if length < tolerances.LEAST_REPEATS:
+            continue
+        others = (np.count_nonzero(own == own[start]) - length) / max(len(own) - length, 1)
+        if max(often, others) ** (length - 1.0) * len(own) > tolerances.SPLIT_CHANCE:
+            continue
+        found.append(
+            f"{label_text(returns.columns[column])} from {_row(returns, int(start))} to "
+            f"{_row(returns, int(start + length - 1))}: the same return, {own[start]:.4g}, in {length} rows running; prices that "
+            "stand still or cells that were filled in"
+        )
+    return found
 
 
 def _place(returns: pd.DataFrame, row: int, column: int) -> str:

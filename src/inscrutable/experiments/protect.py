@@ -26,7 +26,7 @@ from inscrutable.errors import InputError, ModelError
 from inscrutable.experiments.attack import Attack, Reading
 from inscrutable.experiments.episodes import part_of
 from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
-from inscrutable.experiments.investor_model import InvestorModel, checked_model
+from inscrutable.experiments.investor_model import BASIS_POINTS, InvestorModel, checked_model
 from inscrutable.experiments.silence import silence_in
 from inscrutable.geometry import BeliefSet
 from inscrutable.privacy import DesiredObfuscation, PrivacyMeasure
@@ -78,8 +78,8 @@ class Protection:
     def summary(self) -> str:
         """Return one sentence: privacy and regret of the weights and of the lottery."""
         scale = np.abs(self.deterministic.optimal_cost)
-        spent = float(np.mean(self.deterministic.regret))
-        lottery = float(np.mean(self.lotteries.expected_cost - self.lotteries.optimal_cost))
+        spent = BASIS_POINTS * float(np.mean(self.deterministic.regret))
+        lottery = BASIS_POINTS * float(np.mean(self.lotteries.expected_cost - self.lotteries.optimal_cost))
         share = f" ({float(np.mean(self.deterministic.regret / scale)):.1%} of |c*|)" if (scale > 0).all() else ""
         rows = "" if len(self) == 1 else f"on average over {len(self)} rows "
         if self.measure.is_indicator:
@@ -89,8 +89,8 @@ class Protection:
             bought = f" for a privacy of {float(np.mean(self.deterministic.privacy)):.3f}"
             by_lot = f" for {float(np.mean(self.lotteries.expected_privacy)):.3f} in expectation"
         return (
-            f"{rows}the weights to publish cost {spent:.3g} of regret{share}{bought}, the lottery "
-            f"{max(lottery, 0.0):.3g}{by_lot}, against the naive observer{self._proven()}"
+            f"{rows}the weights to publish cost a regret of {spent:.3g} bp of wealth{share}{bought}, the lottery "
+            f"{max(lottery, 0.0):.3g} bp{by_lot}, against the naive observer{self._proven()}"
         )
 
     @cached_property
@@ -117,8 +117,9 @@ class Protection:
             )
         ]
         dearer = float(np.mean(self.deterministic.regret)) >= silence > 0.0
-        than = f"Silence, a constant portfolio, reveals nothing and costs {silence:.3g} of regret a row on average" + (
-            ": not more than these weights." if dearer else "."
+        than = (
+            f"Silence, a constant portfolio, reveals nothing and costs {BASIS_POINTS * silence:.3g} bp a row on average"
+            + (": not more than these weights." if dearer else ".")
         )
         if len(self) == 1:
             told = ("explained by no belief" if np.isnan(each.error) else f"{each.error:.2f}" for each in reached)

@@ -11,6 +11,7 @@ import pandas as pd
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.decision_makers import Decision, MixedDecision
 from inscrutable.experiments.episodes import relative_increase
+from inscrutable.experiments.investor_model import BASIS_POINTS
 from inscrutable.experiments.protect import Protection, implausible_rows, privacy_text
 from inscrutable.geometry import BeliefSet
 from inscrutable.labels import label_text
@@ -86,10 +87,13 @@ def option_lines(protection: Protection, step: int) -> pd.DataFrame:
     lines.loc["privacy"] = [
         privacy_text(protection.measure, float(value), 4) for value in table.loc["privacy"].to_numpy()
     ]
-    for name, style in (("regret", "{:.3g}"), ("regret / |c*|", "{:.1%}")):
-        lines.loc[name] = [style.format(value) for value in table.loc[name]]
+    lines.loc["regret"] = [f"{BASIS_POINTS * value:.3g}" for value in table.loc["regret"]]
+    lines.loc["regret / |c*|"] = [f"{value:.1%}" for value in table.loc["regret / |c*|"]]
+    lines = lines.rename(index={"regret": "regret, bp"})
     weights = [f"weight: {asset}" for asset in protection.model.assets]
     idle = [name for name in weights if np.abs(table.loc[name].to_numpy(dtype=float)).max() < _SMALLEST_SHOWN]
+    if np.array_equal(lines.loc["privacy"], lines.loc["distance"]):  # of maximal obfuscation they are one
+        idle.append("distance")
     if protection.planned is not None:
         planned = [f"{value:.4f}" for value in protection.planned.rows[step].action]
         lines.insert(0, "planned", pd.Series(planned, index=weights).reindex(lines.index).fillna(""))
@@ -113,7 +117,7 @@ def row_lines(protection: Protection) -> pd.DataFrame:
                 "names": "nothing" if nothing else regimes[int(seen.argmax())],
                 "privacy": privacy_text(protection.measure, publish.privacy, 3),
                 **({} if protection.certified is None else {"at most": f"{publish.privacy_bound:.3f}"}),
-                "regret": f"{publish.regret:.3g}",
+                "regret, bp": f"{BASIS_POINTS * publish.regret:.3g}",
                 "of |c*|": f"{share:.1%}",
                 "changed by": f"{0.5 * np.abs(publish.action - protection.optimal[step]).sum():.3f}",
                 **_from_planned(protection, step, publish.action),

@@ -225,8 +225,8 @@ def _repeats(returns: pd.DataFrame, column: int) -> list[str]:
             continue
         found.append(
             f"{label_text(returns.columns[column])} from {_row(returns, int(start))} to "
-            f"{_row(returns, int(start + length - 1))}: the same return, {own[start]:.4g}, in {length} rows running; prices that "
-            "stand still or cells that were filled in"
+            f"{_row(returns, int(start + length - 1))}: the same return, {own[start]:.4g}, in {length} rows running; prices "
+            "that stand still or cells that were filled in"
         )
     return found
 

@@ -87,7 +87,7 @@ def option_lines(protection: Protection, step: int) -> pd.DataFrame:
     lines.loc["privacy"] = [
         privacy_text(protection.measure, float(value), 4) for value in table.loc["privacy"].to_numpy()
     ]
-    lines.loc["regret"] = [f"{BASIS_POINTS * value:.3g}" for value in table.loc["regret"]]
+    lines.loc["regret"] = [f"{BASIS_POINTS * value:.3g}" for value in table.loc["regret"].to_numpy(dtype=float)]
     lines.loc["regret / |c*|"] = [f"{value:.1%}" for value in table.loc["regret / |c*|"]]
     lines = lines.rename(index={"regret": "regret, bp"})
     weights = [f"weight: {asset}" for asset in protection.model.assets]

@@ -329,6 +329,21 @@ def test_problems_on_which_the_iteration_over_time_ends_have_a_best_rule(
     assert told.value == pytest.approx(bits_by_cones(transition, root, theta, limit), abs=2e-4)
 
 
+@pytest.mark.parametrize(("seed", "n", "radius"), [(6026, 3, 1.1), (6036, 2, 1.3)])
+def test_problems_on_which_the_interior_point_method_ends_have_a_rule_of_largest_error(
+    seed: int, n: int, radius: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    transition, root = stable(rng, n, radius), rng.standard_normal((n, n))
+    theta, innovation = covariance(rng, n), root @ root.T
+    limit = 0.5 * float(np.trace(theta @ innovation))
+    kept = most_error_over_time(Moves.private(transition, innovation), theta, np.eye(n), limit)
+    error = cp.Variable((n, n), PSD=True)
+    rows = [transition @ error @ transition.T + innovation - error >> 0, cp.trace(theta @ error) <= limit]
+    assert kept.value == pytest.approx(solved(cp.Maximize(cp.trace(error)), rows), rel=1e-5)
+    assert kept.gap <= 1e-6
+
+
 @pytest.mark.parametrize(("n", "rank", "radius", "share"), MATRICES)
 def test_no_other_sensor_does_better(n: int, rank: int, radius: float, share: float) -> None:
     rng = np.random.default_rng(FRESH_SEED)

@@ -1,12 +1,14 @@
-"""The fewest bits over time by a barrier method, where the fixed point of `over_time` is not found.
+"""Rules over time by a barrier method, where faster methods leave a gap.
 
-With M = [A; H], K = [I; 0] and J the joint covariance of innovation and public noise,
+With M = [A; H], K = [I; 0] and J the joint covariance of innovation and public noise, both costs are convex in E:
 
-    f(E) = ½ log det(J + MEM') − ½ log det(R + HEH') − ½ log det E
+    nats        f(E) = ½ log det(J + MEM') − ½ log det(R + HEH') − ½ log det E,
+    less error  f(E) = −tr(QE).
 
-is convex. At a level τ Newton's method minimises f(E) − τ log det S − τ log s, S = J + MEM' − KEK', s = r − tr(ΘE). Then τS⁻¹
-and τ/s are nearly the multipliers of S ⪰ 0 and s ≥ 0, and the bits exceed the least ones by at most τ (n + p + 1) nats.
-Source: Boyd and Vandenberghe, Convex Optimization (2004), section 11.3.
+At a level τ Newton's method minimises f(E) − τ (log det S + log s), for the error also − τ log det E, where S = J + MEM' − KEK'
+and s = r − tr(ΘE). Then τS⁻¹ and τ/s are nearly the multipliers of S ⪰ 0 and s ≥ 0, and the cost exceeds the least one by at
+most τ times the order of S plus one, for the error plus that of E. Source: Boyd and Vandenberghe, Convex Optimization (2004),
+section 11.3.
 """
 
 from __future__ import annotations
@@ -19,41 +21,60 @@ from scipy.linalg import cho_factor, cho_solve
 from inscrutable import tolerances
 from inscrutable.alphas.interior import ErrorProgramme, upper_matrix
 from inscrutable.alphas.observed import Moves
-from inscrutable.alphas.over_time_bound import least_bits_bound
+from inscrutable.alphas.over_time_bound import least_bits_bound, most_error_bound
 from inscrutable.validation import Array
 
 _LEVELS = 0.05 ** np.arange(10.0)
-"""τ: a gap of 1e-10 at the last. With tenths 40 problems take 1.2 times as many steps."""
+"""τ in units of the cost: a gap of 1e-10 at the last. With tenths 40 problems take 1.2 times as many steps."""
 _MOST_STEPS = 40
 _ENOUGH, _MOST_HALVINGS = 0.1, 40
 """Share of the promised decrease that a step makes at least, or it is halved. Below this share of τ a promised decrease is lost
 in rounding, and whole steps converge by themselves."""
 
+Products = tuple[tuple[float, Array], ...]
+
 
 class Inside(NamedTuple):
-    """E, its bits, and a lower bound of the bits of every rule."""
+    """E, its bits or its tr(QE), and a bound of those of every rule."""
 
     error: Array
-    bits: float
+    value: float
     bound: float
 
 
 class _Barrier:
-    def __init__(self, moves: Moves, theta: Array, limit: float) -> None:
-        self.programme = ErrorProgramme(moves, theta, np.eye(len(theta)), limit)
+    """The constraints, and how much a rule leaks."""
+
+    unit = 1.0
+    """Size of the cost."""
+
+    def __init__(self, moves: Moves, theta: Array, limit: float, weights: Array) -> None:
+        self.programme = ErrorProgramme(moves, theta, weights, limit)
         self.rows = self.programme.rows
-        self.sensor, self.noise = moves.public_sensor, moves.public_covariance
+        self.moves, self.start = moves, self.programme.start().error
+
+    def cost(self, error: Array, level: float) -> float:
+        """Nats, whatever the level."""
+        (both, _, joint), sensor, noise = self.rows, self.moves.public_sensor, self.moves.public_covariance
+        before = _log_det(joint + both @ error @ both.T) - _log_det(noise + sensor @ error @ sensor.T)
+        return 0.5 * (before - _log_det(error))
+
+    def slope(self, basis: Array, level: float) -> tuple[Array, Products]:
+        """The slope of the cost in X of E + basis X basis' at E = basis basis', and the products of its curvature."""
+        (both, _, joint), sensor, one = self.rows, self.moves.public_sensor @ basis, np.eye(len(basis))
+        both = both @ basis
+        moved = both.T @ np.linalg.solve(joint + both @ both.T, both)
+        heard = sensor.T @ np.linalg.solve(self.moves.public_covariance + sensor @ sensor.T, sensor)
+        return 0.5 * (moved - heard - one), ((0.5, one), (-0.5, moved), (0.5, heard))
 
     def value(self, error: Array, level: float) -> float:
-        """The objective in nats; infinite outside the domain."""
-        both, _, joint = self.rows
+        """The objective; infinite outside the domain."""
         spare = self.programme.spare(error)
         if spare <= 0.0:
             return np.inf
         try:
-            bits = _log_det(joint + both @ error @ both.T) - _log_det(self.noise + self.sensor @ error @ self.sensor.T)
-            inside = _log_det(self.programme.room(error)) + np.log(spare) if level else 0.0
-            return float(0.5 * (bits - _log_det(error)) - level * inside)
+            inside = _log_det(self.programme.room(error)) + np.log(spare)
+            return float(self.cost(error, level) - level * inside)
         except np.linalg.LinAlgError:
             return np.inf
 
@@ -63,21 +84,18 @@ class _Barrier:
         Raises:
             LinAlgError: Rounding leaves the equations indefinite.
         """
-        basis, (both, kept, joint) = np.linalg.cholesky(error), self.rows
-        both, kept, sensor = both @ basis, kept @ basis, self.sensor @ basis
-        moved = both.T @ np.linalg.solve(joint + both @ both.T, both)
-        heard = sensor.T @ np.linalg.solve(self.noise + sensor @ sensor.T, sensor)
+        basis = np.asarray(np.linalg.cholesky(error))
+        both, kept, _ = self.rows
+        both, kept, theta = both @ basis, kept @ basis, basis.T @ self.programme.theta @ basis
         room, spare = np.linalg.inv(self.programme.room(error)), self.programme.spare(error)
         later, now, mixed = both.T @ room @ both, kept.T @ room @ kept, both.T @ room @ kept
-        theta, one = basis.T @ self.programme.theta @ basis, np.eye(len(error))
-        slope = 0.5 * (moved - heard - one) - level * (later - now) + level / spare * theta
-        products = (
-            (0.5, one), (-0.5, moved), (0.5, heard), (level, later), (level, now), (-level, mixed), (-level, mixed.T),
-        )  # fmt: skip
+        slope, products = self.slope(basis, level)
+        slope = slope - level * (later - now) + level / spare * theta
+        products = (*products, (level, later), (level, now), (-level, mixed), (-level, mixed.T))
         factor = cho_factor(upper_matrix(products, theta, level / spare**2).T, lower=True, overwrite_a=True)
         places = np.triu_indices(len(error))
         twice = np.where(places[0] == places[1], 1.0, np.sqrt(2.0))
-        found = np.zeros_like(one)
+        found = np.zeros_like(slope)
         found[places] = cho_solve(factor, -slope[places] * twice) / twice
         found += np.triu(found, 1).T
         return basis @ found @ basis.T, -float(np.sum(slope * found))
@@ -105,31 +123,73 @@ class _Barrier:
             error, last = 0.5 * (error + error.T), promised if settles else np.inf
         return error
 
+    def bound(self, error: Array, price: float, later: Array) -> float:
+        """A lower bound of the nats of every rule."""
+        programme = self.programme
+        return float(np.log(2.0)) * least_bits_bound(self.moves, programme.theta, programme.limit, error, price, later)
 
-def least_bits_inside(moves: Moves, theta: Array, limit: float) -> Inside:
-    """Return E of the fewest bits over 0 ≺ E ⪯ P(E), tr(ΘE) ≤ limit, with its bits and their bound.
+    def solved(self) -> Inside:
+        """Return E with the least cost found, that cost, and the largest bound."""
+        error, n = self.start, len(self.start)
+        best = Inside(error, np.inf, -np.inf)
+        for level in self.unit * _LEVELS:
+            error = self.centred(error, level)
+            try:
+                later = level * np.linalg.inv(self.programme.room(error))[:n, :n]
+                bound = self.bound(error, level / self.programme.spare(error), later)
+                found = Inside(error, self.cost(error, 0.0), -np.inf)
+            except np.linalg.LinAlgError:
+                break
+            best = min(found, best, key=lambda each: each.value)._replace(bound=max(bound, best.bound))
+            if best.value - best.bound <= tolerances.MIXTURE_LOSS * abs(best.value):
+                break
+        return best
+
+
+class _ErrorBarrier(_Barrier):
+    """The constraints, and how little error a rule leaves."""
+
+    def __init__(self, moves: Moves, theta: Array, limit: float, weights: Array) -> None:
+        super().__init__(moves, theta, limit, weights)
+        self.unit = float(np.sum(weights * self.start)) / len(theta)
+
+    def cost(self, error: Array, level: float) -> float:
+        """−tr(QE), and the barrier of E ⪰ 0."""
+        return -float(np.sum(self.programme.weights * error)) - (level * _log_det(error) if level else 0.0)
+
+    def slope(self, basis: Array, level: float) -> tuple[Array, Products]:
+        """As for nats."""
+        one = np.eye(len(basis))
+        return -basis.T @ self.programme.weights @ basis - level * one, ((level, one),)
+
+    def bound(self, error: Array, price: float, later: Array) -> float:
+        """A lower bound of −tr(QE) of every rule."""
+        programme = self.programme
+        return -most_error_bound(self.moves, programme.theta, programme.weights, programme.limit, error, price, later)
+
+
+def least_bits_by_barrier(moves: Moves, theta: Array, limit: float) -> Inside:
+    """Return E of the fewest bits over 0 ≺ E ⪯ P(E), tr(ΘE) ≤ limit, with its bits and a lower bound of those of every rule.
 
     Raises:
         SolverError: There is no interior point to start from.
 
-    Cost: some 50 steps of O(n⁶) time and O(n⁴) memory: 50 ms for 6 signals, 9 s for 60.
+    Cost: some 50 steps of O(n⁶) time and O(n⁴) memory: 50 ms for 6 signals, 3 s for 40.
     """
-    barrier, n = _Barrier(moves, theta, limit), len(theta)
-    error, best = barrier.programme.start().error, Inside(theta, np.inf, -np.inf)
-    for level in _LEVELS:
-        error = barrier.centred(error, level)
-        try:
-            later = level * np.linalg.inv(barrier.programme.room(error))[:n, :n]
-            bound = least_bits_bound(moves, theta, limit, error, level / barrier.programme.spare(error), later)
-        except np.linalg.LinAlgError:
-            break
-        bits = barrier.value(error, 0.0) / np.log(2.0)
-        best = min(Inside(error, bits, -np.inf), best, key=lambda found: found.bits)._replace(
-            bound=max(bound, best.bound)
-        )
-        if best.bits - best.bound <= tolerances.MIXTURE_LOSS * best.bits:
-            break
-    return best
+    error, value, bound = _Barrier(moves, theta, limit, np.eye(len(theta))).solved()
+    return Inside(error, value / np.log(2.0), bound / np.log(2.0))
+
+
+def most_error_by_barrier(moves: Moves, theta: Array, weights: Array, limit: float) -> Inside:
+    """Return E of the largest tr(QE) over 0 ⪯ E ⪯ P(E), tr(ΘE) ≤ limit, with its tr(QE) and an upper bound of every rule's.
+
+    Raises:
+        SolverError: There is no interior point to start from.
+
+    Cost: as for the fewest bits.
+    """
+    error, value, bound = _ErrorBarrier(moves, theta, limit, weights).solved()
+    return Inside(error, -value, -bound)
 
 
 def _log_det(matrix: Array) -> float:

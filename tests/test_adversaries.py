@@ -31,7 +31,7 @@ from inscrutable import (
 )
 from oracles import enumeration, markets
 from sizes import instances
-from strategies import SEEDS, belief_problem, drawn_problems, line_problem
+from strategies import KINDS, SEEDS, belief_problem, drawn_problems, line_problem
 
 GRID = simplex_grid(3, 40)
 
@@ -66,6 +66,21 @@ def test_naive_estimates_are_the_centres_of_consistent_sets(drawn):
         assert observer.estimate(action) == pytest.approx(expected, abs=1e-6, nan_ok=True)
         assert observer.infer(action).center() == pytest.approx(expected, abs=1e-12, nan_ok=True)
     assert np.isfinite(found[:4]).all()
+
+
+@settings(max_examples=instances(200))
+@given(SEEDS, st.integers(1, 3), st.integers(2, 5), st.sampled_from(KINDS), st.sampled_from([(0, 0), (-4, 0), (1, 2)]))
+def test_every_belief_explains_a_decision_where_states_have_the_same_costs(seed, n_states, n_assets, kind, units):
+    rng = np.random.default_rng(seed)
+    market = markets.random_market(rng, 1, n_assets, **kind)
+    means = np.repeat(market.means * 10.0 ** units[0], n_states, axis=0)
+    covariances = np.repeat(market.covariances * 10.0 ** units[1], n_states, axis=0)
+    problem = MarkowitzProblem(means, covariances, market.risk_aversion)
+    action = problem.solve(rng.dirichlet(np.ones(n_states)))
+    found = consistent_beliefs(problem, action)
+    assert found.dimension == n_states - 1
+    assert found.contains(rng.dirichlet(np.ones(n_states)))
+    assert NaiveAdversary(problem).estimate(action) == pytest.approx(np.full(n_states, 1 / n_states), abs=1e-9)
 
 
 def test_the_nearest_explanation_on_request():

@@ -383,7 +383,7 @@ def test_a_budget_that_nothing_on_the_face_keeps(seed: int) -> None:
     fine = lattice(n_states, 200)
     fine = fine[row_values(case.face, fine).min(axis=1) >= -1e-3]
     least = float(case.regret(fine).min())
-    if least > 1e-6:
+    if least > 1e-3:  # far above what the lattice misses
         broken = case._replace(aim=case.aim._replace(limit=0.2 * least))
         start = case.allowed[0]
         loss, y, _ = broken.climb(start)

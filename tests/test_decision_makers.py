@@ -53,7 +53,7 @@ def check_decision(problem, measure, belief, decision, limit):
     assert problem.constraints.is_admissible(decision.action) or decision.status is not DecisionStatus.BEST_CANDIDATE
     assert problem.constraints.violation(decision.action) <= 1e-9
     assert 0 <= decision.regret <= limit + rounding(problem, decision.action)
-    assert decision.regret == pytest.approx(float(problem.regret(belief, decision.action)), abs=1e-14)
+    assert decision.regret == pytest.approx(float(problem.regret(belief, decision.action)), rel=1e-13, abs=1e-14)
     assert decision.cost == pytest.approx(decision.optimal_cost + decision.regret, abs=1e-12)
     found = consistent_beliefs(problem, decision.action)
     assert decision.privacy == pytest.approx(measure(belief, found), abs=1e-9)

@@ -36,13 +36,15 @@ def scaled_gradients(gradients: Array, common: Array, size: float) -> Array:
     """Return gradients (M,X,U) divided by their largest entry.
 
     The part along the equalities (orthonormal basis `common`, shape (U,e)) carries no information about the belief: where it
-    dominates, the divisor is a thousand times the other part. Where terms of this `size` cancel, the remainder is rounding.
-
+    dominates, the divisor is a thousand times the other part. Where terms of this `size` cancel, the remainder is rounding; where
+    the other part is rounding in all states, which then have the same costs, every belief explains the decision.
     """
-    scale = np.abs(gradients).max(axis=(1, 2), initial=0.0)
+    largest = np.abs(gradients).max(axis=(1, 2), initial=0.0)
     across = np.abs(gradients - gradients @ common @ common.T).max(axis=(1, 2), initial=0.0)
-    scale = np.clip(tolerances.COMMON_COST * across, tolerances.LEAST_DIFFERENCE * scale, scale)
+    scale = np.clip(tolerances.COMMON_COST * across, tolerances.LEAST_DIFFERENCE * largest, largest)
     scale = np.maximum(scale, tolerances.LEAST_DIFFERENCE * size)
+    terms = np.maximum(largest, size)
+    scale = np.where(across <= tolerances.STATIONARITY * terms, terms, scale)
     return np.asarray(gradients / np.where(scale > 0, scale, 1.0)[:, None, None])
 
 

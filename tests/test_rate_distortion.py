@@ -26,6 +26,8 @@ from inscrutable import (
     rate_distortion_curve,
     uniform_prior,
 )
+from inscrutable.decision_makers.aware.rate_distortion_newton import newton_law
+from inscrutable.decision_makers.aware.rate_distortion_steps import Source
 from inscrutable.experiments.random_markets import random_market
 from strategies import SEEDS
 
@@ -162,6 +164,18 @@ def test_a_bound_from_the_definition_alone_agrees() -> None:
     multipliers = 1.0 / some / ((prior.weights / some) @ kernel).max()
     bound = (prior.weights @ np.log(multipliers) - price * limit) / np.log(2.0)
     assert found.rate - GAP <= bound <= found.rate + 1e-9
+
+
+@pytest.mark.parametrize("share", [0.2, 0.7])
+def test_newton_steps_end_at_a_law_that_meets_their_goal(share: float) -> None:
+    problem, prior, candidates = market(1)
+    regrets = regrets_of(problem, prior.beliefs, candidates.actions)
+    source = Source(prior.weights, regrets - regrets.min(axis=1, keepdims=True))
+    limit, n = share * silence(problem, prior, candidates), regrets.shape[1]
+    law, slope, _ = newton_law(source, limit, np.full(n, 1.0 / n), 1.0 / limit, 1e-4)
+    kernel = np.exp(-slope * source.excess)
+    assert law.sum() == pytest.approx(1.0)
+    assert np.log(((prior.weights / (kernel @ law)) @ kernel).max()) <= 1e-4 + 1e-9
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -42,7 +42,7 @@ def newton_law(source: Source, regret: float, law: Array, slope: float, goal: fl
     centre = max(goal, float(np.log(point.gains.max()))) / n
     duals = centre / point.law
     for step in range(_MOST_STEPS):
-        if np.log(point.gains.max()) <= goal:
+        if np.log(point.gains.max() * point.law.sum()) <= goal:  # c of the law that is returned, whose sum is one
             return point.law / point.law.sum(), point.slope, step
         hessian = _hessian(source, point)
         hessian[np.diag_indices(n)] += duals / point.law

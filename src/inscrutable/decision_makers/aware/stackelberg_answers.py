@@ -29,7 +29,8 @@ _FIRST, _ADDED = 40, 40
 """Decisions at first, and how many may enter at a time. With 13 at first these 20 take .9 of the time, with 13 at a time .95,
 with 120 at a time 1.05, and single ones up to 1.3 times as long."""
 _FEW_CHOICES = 12
-"""Choices of a rival up to which all are answers to every decision from the start."""
+"""Choices of a rival up to which all are answers to every decision from the start. With none 42 games with rivals of 3 to 40
+choices end at the same values in 1.1 times the time, one in 4.8 times; with 36 in as much time."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,7 +31,8 @@ from inscrutable.privacy.measures import Reference
 from inscrutable.problems import DecisionProblem, KellyProblem, quadratic_problem
 from inscrutable.validation import Array
 
-_MOST_CELLS = 256  # halved in one round
+_MOST_CELLS = 256
+"""Halved in one round. With 85 24 proofs take 3 % fewer calls, with 768 2 % more; 16 of up to 700 calls do not differ."""
 _NEARLY, _MOST_KINKS = 0.15, 4
 """Share of a cell's gap left without its loss at kinks, below which a cut at a kink is worth while; and such cuts in a row, or
 cells become ever thinner. 16 proofs over two to four states take up to 2 % fewer or more calls, and the same time, from 0 to

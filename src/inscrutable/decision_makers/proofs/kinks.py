@@ -14,7 +14,9 @@ from inscrutable import tolerances
 from inscrutable.decision_makers.proofs.smooth_cells import SmoothCells, complement
 from inscrutable.validation import Array
 
-_LEAST_SHARE = 0.03  # of the edge on either side; nearer to a corner a cut is not worth its sliver
+_LEAST_SHARE = 0.03
+"""Of the edge on either side; nearer to a corner a cut is not worth its sliver. With 0 24 proofs take as many calls in all,
+with .1 one takes .6 of them; no gap differs by more than .004."""
 
 
 class Cuts(NamedTuple):

@@ -36,8 +36,8 @@ def scaled_gradients(gradients: Array, common: Array, size: float) -> Array:
     """Return gradients (M,X,U) divided by their largest entry.
 
     The part along the equalities (orthonormal basis `common`, shape (U,e)) carries no information about the belief: where it
-    dominates, the divisor is a thousand times the other part. Where terms of this `size` cancel, the remainder is rounding; where
-    the other part is rounding in all states, which then have the same costs, every belief explains the decision.
+    dominates, the divisor is a thousand times the other part. Where terms of this `size` cancel, the remainder is rounding.
+    Where the other part is rounding in all states, they have the same costs, and every belief explains the decision.
     """
     largest = np.abs(gradients).max(axis=(1, 2), initial=0.0)
     across = np.abs(gradients - gradients @ common @ common.T).max(axis=(1, 2), initial=0.0)

@@ -133,33 +133,24 @@ def test_more_budget_never_means_less_privacy(drawn, desired):
     assert np.diff([mixed.expected_privacy for mixed in mixtures]).min() >= -1e-6
 
 
-@pytest.mark.parametrize(
-    ("seed", "n_assets", "kind", "units"),
-    [(504163873, 5, {}, (-2, -4)), (3701542085, 4, {}, (-2, -4)), (1275530335, 2, {"singular": True}, (-3, -3))],
-)
-def test_a_small_budget_is_spent_where_the_costs_of_states_lie_decades_apart(seed, n_assets, kind, units):
-    """Against the decisions for 400 beliefs on the segment between the two states."""
-    rng = np.random.default_rng(seed)
-    market = markets.random_market(rng, 2, n_assets, scale_spread=1.0, **kind)
-    problem = MarkowitzProblem(
-        market.means * 10.0 ** units[0], market.covariances * 10.0 ** units[1], market.risk_aversion
-    )
-    share = np.concatenate([np.geomspace(1e-9, 0.2, 300), np.linspace(0.2, 1.0, 100)])[:, None]
-    for first in np.linspace(0.05, 0.95, 19):
-        belief = np.array([first, 1.0 - first])
-        decoys = np.concatenate([(1.0 - share) * belief + share * corner for corner in np.eye(2)])
-        actions = problem.solve(decoys)
-        limit = 0.003 * abs(float(problem.optimal_cost(belief)))
-        allowed = problem.constraints.is_admissible(actions) & (problem.regret(belief, actions) <= limit)
-        best, far = 0.0, np.where(allowed, np.linalg.norm(decoys - belief, axis=1), 0.0)
-        for k in np.argsort(-far):  # a set is no farther than its members
-            if far[k] <= best:
-                break
-            best = max(best, consistent_beliefs(problem, actions[k]).distance(belief))
-        maker = CounterAdversarialDecisionMaker(
-            problem, MaximalObfuscation(), 0.003, candidates=decoy_grid(problem, 12)
-        )
-        assert maker.decide(belief).privacy >= best - 1e-9
+@pytest.mark.parametrize("seed", [4, 12, 50, 81, None])
+def test_a_small_budget_is_spent_where_the_costs_of_two_states_lie_decades_apart(seed, fresh_seed):
+    """Against the decisions where the budget ends on the segment: the regret of u*(y) grows on the way from the belief."""
+    rng = np.random.default_rng(fresh_seed if seed is None else seed)
+    market, belief = markets.random_market(rng, 2, 4, scale_spread=1.0), rng.dirichlet(np.ones(2))
+    problem = MarkowitzProblem(market.means * 0.01, market.covariances * 1e-4, market.risk_aversion)
+    limit, best = 0.003 * abs(float(problem.optimal_cost(belief))), 0.0
+    for corner in np.eye(2):
+        low, high = 0.0, 1.0
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            action = problem.solve((1.0 - middle) * belief + middle * corner)
+            low, high = (middle, high) if problem.regret(belief, action) <= limit else (low, middle)
+        action = problem.solve((1.0 - low) * belief + low * corner)
+        if problem.constraints.is_admissible(action):
+            best = max(best, consistent_beliefs(problem, action).distance(belief))
+    maker = CounterAdversarialDecisionMaker(problem, MaximalObfuscation(), 0.003, candidates=decoy_grid(problem, 12))
+    assert maker.decide(belief).privacy >= best - 1e-6
 
 
 @settings(max_examples=instances(30), deadline=None)

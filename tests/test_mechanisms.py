@@ -390,10 +390,10 @@ def test_each_prior_is_the_law_of_its_own_belief(fresh_rng):
         [[0.7, 0.2, 0.1], [0.2, 0.6, 0.2], [0.1, 0.3, 0.6]],
         CategoricalEmission([[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]]),
     )
-    path = filter_beliefs(world, world.sample(20_000, rng=fresh_rng).observations)
+    path = filter_beliefs(world, world.sample(80_000, rng=fresh_rng).observations)
     makers = ((filtered_prior, path.beliefs), (predicted_prior, path.predicted))
     for make, beliefs in makers:
-        prior = make(world, 60, rng=fresh_rng, n_steps=20_000)
+        prior = make(world, 60, rng=fresh_rng, n_steps=80_000)
         spread = np.sqrt(((beliefs - beliefs.mean(axis=0)) ** 2).sum(axis=1).mean())
         assert prior.error == pytest.approx(spread, abs=0.02), make.__name__
         assert prior.mean == pytest.approx(beliefs.mean(axis=0), abs=0.02)

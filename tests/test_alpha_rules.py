@@ -278,17 +278,23 @@ def bits_of(moves: Array, innovation: Array, error: Array) -> float:
     return float(0.5 * (np.linalg.slogdet(before)[1] - np.linalg.slogdet(error)[1]) / np.log(2.0))
 
 
+def over_time(
+    rng: np.random.Generator, n: int, rank: int, radius: float, share: float
+) -> tuple[Array, Array, Array, float]:
+    """Draw A, F with W = F F', Θ, and a share of the regret of silence, or of W where that is infinite."""
+    transition, root, theta = stable(rng, n, radius), rng.standard_normal((n, rank)), covariance(rng, n)
+    moves = Moves.private(transition, root @ root.T)
+    held = moves.silence()
+    return transition, root, theta, share * float(np.trace(theta @ (moves.innovation if held is None else held)))
+
+
 MATRICES = [(3, 3, 0.9, 0.5), (4, 2, 0.95, 0.3), (5, 5, 0.7, 0.1), (3, 3, 1.1, 0.5)]
 
 
 @pytest.mark.parametrize(("n", "rank", "radius", "share"), MATRICES)
 def test_matrices_over_time_against_cone_programmes(n: int, rank: int, radius: float, share: float) -> None:
-    rng = np.random.default_rng(3)
-    transition, root = stable(rng, n, radius), rng.standard_normal((n, rank))
-    theta = covariance(rng, n)
+    transition, root, theta, limit = over_time(np.random.default_rng(3), n, rank, radius, share)
     moves = Moves.private(transition, root @ root.T)
-    held = moves.silence()
-    limit = share * float(np.trace(theta @ (moves.innovation if held is None else held)))
     told = least_bits(moves, theta, limit)
     by_cones = bits_by_cones(transition, root, theta, limit)
     assert told.value == pytest.approx(by_cones, abs=2e-4)
@@ -317,13 +323,8 @@ def test_matrices_over_time_against_cone_programmes(n: int, rank: int, radius: f
 def test_problems_on_which_the_iteration_over_time_ends_have_a_best_rule(
     seed: int, n: int, radius: float, share: float
 ) -> None:
-    rng = np.random.default_rng(seed)
-    transition, root = stable(rng, n, radius), rng.standard_normal((n, n))
-    theta = covariance(rng, n)
-    moves = Moves.private(transition, root @ root.T)
-    held = moves.silence()
-    limit = share * float(np.trace(theta @ (moves.innovation if held is None else held)))
-    told = least_bits(moves, theta, limit)
+    transition, root, theta, limit = over_time(np.random.default_rng(seed), n, n, radius, share)
+    told = least_bits(Moves.private(transition, root @ root.T), theta, limit)
     assert told.gap <= 1e-6
     assert told.regret == pytest.approx(limit, rel=1e-8)
     assert told.value == pytest.approx(bits_by_cones(transition, root, theta, limit), abs=2e-4)
@@ -333,10 +334,8 @@ def test_problems_on_which_the_iteration_over_time_ends_have_a_best_rule(
 def test_problems_on_which_the_interior_point_method_ends_have_a_rule_of_largest_error(
     seed: int, n: int, radius: float
 ) -> None:
-    rng = np.random.default_rng(seed)
-    transition, root = stable(rng, n, radius), rng.standard_normal((n, n))
-    theta, innovation = covariance(rng, n), root @ root.T
-    limit = 0.5 * float(np.trace(theta @ innovation))
+    transition, root, theta, limit = over_time(np.random.default_rng(seed), n, n, radius, 0.5)
+    innovation = root @ root.T
     kept = most_error_over_time(Moves.private(transition, innovation), theta, np.eye(n), limit)
     error = cp.Variable((n, n), PSD=True)
     rows = [transition @ error @ transition.T + innovation - error >> 0, cp.trace(theta @ error) <= limit]
@@ -347,11 +346,9 @@ def test_problems_on_which_the_interior_point_method_ends_have_a_rule_of_largest
 @pytest.mark.parametrize(("n", "rank", "radius", "share"), MATRICES)
 def test_no_other_sensor_does_better(n: int, rank: int, radius: float, share: float) -> None:
     rng = np.random.default_rng(FRESH_SEED)
-    transition, root = stable(rng, n, radius), rng.standard_normal((n, rank))
-    theta, innovation = covariance(rng, n), root @ root.T
+    transition, root, theta, limit = over_time(rng, n, rank, radius, share)
+    innovation = root @ root.T
     moves = Moves.private(transition, innovation)
-    held = moves.silence()
-    limit = share * float(np.trace(theta @ (innovation if held is None else held)))
     told = least_bits(moves, theta, limit)
     least = bits_of(transition, innovation, told.law.covariance)
     assert least == pytest.approx(told.value, abs=1e-8), FRESH_SEED

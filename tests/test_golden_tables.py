@@ -33,7 +33,7 @@ def assert_same(found: pd.DataFrame, wanted: pd.DataFrame, *, rtol: float, atol:
 def test_a_comparison_has_the_figures_it_had() -> None:
     """To 1e-3. Of the PDM's lotteries, which are equally private, others were found since: what else is made of them moves
     by 1.5e-3. The sequential rule is simulated: where a last digit moves a draw, its figures move with its prices. The rule
-    of least rate is another one within its gap of 1e-3 bits, and what is simulated with it moves by up to 4 %. Of the
+    of least rate is another one within its gap of 1e-3 bits, and what it leaks in ten draws moves by up to 2.2 %. Of the
     Stackelberg rules of largest error another is found since, which leaves more at equal spending."""
     settings = ComparisonSettings(budgets=(0.5,), repeats=(1, 10), draws=100)
     study = comparison_study(settings, market="paper", resolution=6, seed=0)
@@ -45,10 +45,10 @@ def test_a_comparison_has_the_figures_it_had() -> None:
     moved = ["PDM", "rate-distortion", "sequential", "Stackelberg"]
     assert_same(frame.drop(moved), wanted.drop(moved), rtol=1e-3, atol=1e-9)
     assert_same(frame.loc[["PDM"]], wanted.loc[["PDM"]], rtol=2e-3, atol=1e-9)
-    simulated = [name for name in wanted if "path" in name or "after_10" in name]
+    simulated = ["path_bits", *(name for name in wanted if "after_10" in name)]
     rate = frame.loc[["rate-distortion"]], wanted.loc[["rate-distortion"]]
     assert_same(*(each.drop(columns=simulated) for each in rate), rtol=1e-3, atol=1e-9)
-    assert_same(*(each[simulated] for each in rate), rtol=5e-2, atol=1e-9)
+    assert_same(*(each[simulated] for each in rate), rtol=2.5e-2, atol=1e-9)
     assert_same(frame.loc[["sequential"]], wanted.loc[["sequential"]], rtol=1e-2, atol=1e-9)
     spent = ["expected_regret"]
     assert_same(frame.loc[["Stackelberg"], spent], wanted.loc[["Stackelberg"], spent], rtol=1e-3, atol=1e-9)

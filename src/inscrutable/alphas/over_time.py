@@ -114,7 +114,8 @@ def least_bits(moves: Moves, theta: Array, limit: float) -> LongRun:
 
     Raises: SolverError: No step converged, the silence regret is infinite, and there are more than 120 signals.
 
-    Cost: some thousand eigendecompositions of n×n matrices: some seconds for 100 signals.
+    Cost: some thousand eigendecompositions of n×n matrices: some seconds for 100 signals. Where the barrier method takes over,
+    O(n⁶): 3 s for 40 signals.
     """
     return _best_of(
         lambda: _least_bits_by_prices(moves, theta, limit),
@@ -127,7 +128,8 @@ def _best_of(fast: Callable[[], LongRun], sure: Callable[[], LongRun], *, has_ba
     """Return the rule of a fast method, or where its gap is too large, the one of smaller gap of both methods.
 
     Of 1,000 problems of two to six signals near or above a spectral radius of one the iteration for bits leaves seven open,
-    with gaps up to 1, and the interior-point method for the error three; the barrier method takes two to six times as long.
+    with gaps up to 1, and the interior-point method for the error three, with gaps up to .4; of 100 with public observations
+    it leaves six, up to .005. Here the barrier method leaves none, but takes two to six times as long.
     """
     found: LongRun | None = None
     try:

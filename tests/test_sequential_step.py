@@ -106,6 +106,25 @@ def test_a_step_is_as_good_as_a_cone_programme_finds(
         assert found >= best - (lost + 1e-7) * spread - 1e-9
 
 
+def test_estimates_of_decisions_that_do_not_enter_are_found_between_two_beliefs() -> None:
+    """At a small price log c_m is almost the largest of some quadratics; Newton's steps went from one to the other."""
+    costs = [[0.861, 0.431, 0.468, 0.302], [0.256, 0.907, 0.741, 0.898], [0.998, 0.594, 0.188, 0.313]]
+    some = [[0.043, 0.895], [0.211, 0.712], [0.208, 0.582], [0.26, 0.662], [0.816, 0.084], [0.384, 0.452]]
+    beliefs = np.column_stack([some, 1.0 - np.sum(some, axis=1)])
+    prior, price, told = Prior(beliefs, [0.322, 0.227, 0.029, 0.295, 0.036, 0.091]), 1.313, 1.627e-4
+    maker = SequentialDecisionMaker(
+        FiniteProblem(costs),
+        Budget.regret(0.1),
+        chain=BeliefChain(prior, np.eye(6)),
+        calibration=PriceCalibration.at(price, told),
+        rng=np.random.default_rng(0),
+    )
+    rows = maker.mechanism_for(prior).probabilities.toarray()
+    np.testing.assert_allclose(rows.max(axis=0).sum(), 1.0, atol=1e-12)  # one decision whatever the belief
+    found, best = value_of(maker, prior.weights, rows, price, told), best_value(maker, prior.weights, price, told)
+    assert found >= best - 1e-7
+
+
 @pytest.mark.parametrize("capped", [False, True])
 @pytest.mark.parametrize("information", [NO_PRICE, 1.0, 0.03, 0.0])
 def test_on_a_belief_that_stays_nothing_is_revealed_twice(

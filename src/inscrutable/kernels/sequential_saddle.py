@@ -35,6 +35,7 @@ _LARGE_GAIN = 2.0  # c above which the law is multiplied by c: Newton's steps fo
 _FULL_STEPS = 2  # taken at the end, where rounding hides the gain
 _REFRESHED = integer(3)  # Newton steps of the estimate after a decision of probability 0
 _ARMIJO, _CUT, _SHORTEST = 1e-4, 0.3, 1e-9
+_FLAT = 0.1  # share of the slope that is left where a step ends that was too long
 _RIDGE, _STEEPER, _TRIES = 1e-14, 100.0, 12  # share of a diagonal added to it, and how much more each time
 _FINER = 1e-3  # share of a residual that counts as rounding, and of a gain that counts as none
 _NONE = integer(0)
@@ -363,7 +364,11 @@ def moments(shares: Any, points: Any, mean: Any, spread: Any) -> None:
 
 @internal
 def least_gain(logs: Any, data: StepData, price: float, m: int, estimate: Any, most: int, floor: float) -> float:
-    """log c_m, least over the estimate by Newton's steps, or until it is at most `floor`."""
+    """log c_m, least over the estimate by Newton's steps, or until it is at most `floor`.
+
+    At a small λ it is almost the largest of some quadratics. A step that is too long ends where the gain is least along it, on
+    the ridge between two of them, where the Hessian knows of both; cut until the gain falls, steps turn from one to the other.
+    """
     d, count = data.points.shape
     powers, mean, slope, step, trial = np.empty(count), np.empty(d), np.empty(d), np.empty(d), np.empty(d)
     hessian, factor, curve = np.empty((d, d)), np.empty((d, d)), np.empty((d, d))
@@ -386,14 +391,26 @@ def least_gain(logs: Any, data: StepData, price: float, m: int, estimate: Any, m
         if fall <= _SOLVED * max(min(gain, 1.0), _FINER * _SOLVED):
             return gain
         step *= -1.0
-        length, reached = longest(data, estimate, step), np.inf
-        while length > _SHORTEST:
+        length, near, far, reached = longest(data, estimate, step), 0.0, np.inf, np.inf
+        while length - near > _SHORTEST:
             for i in range(d):
                 trial[i] = estimate[i] + length * step[i]
             reached = gain_at(logs, data, price, m, trial, powers)
-            if reached <= gain - _ARMIJO * length * fall:
+            is_less = reached <= gain - _ARMIJO * length * fall
+            if is_less and far == np.inf:
                 break
-            length *= _CUT
+            moments(powers, data.points, mean, hessian)
+            own_slope(data, trial, slope)
+            turn = 0.0
+            for i in range(d):
+                turn += step[i] * (slope[i] - 2.0 * mean[i]) / price
+            if is_less and abs(turn) <= _FLAT * fall:
+                break
+            if is_less and turn < 0.0:
+                near = length
+            else:
+                far = length
+            length = 0.5 * (near + far)
         if not reached < gain:
             return gain
         gain = reached

@@ -33,8 +33,8 @@ class DecisionStatus(Enum):
     BEST_CANDIDATE = "best of the candidates: more of them may find better"
     LOCAL_OPTIMUM = "local optimum of a local search: more starts may find better"
     NO_AFFORDABLE_PRIVACY = (
-        "no affordable decision reaches the goal, so the optimal one is chosen: raise the budget; cheapest_privacy says "
-        "how far"
+        "no affordable decision that reaches the goal was found, so the optimal one is chosen: raise the budget; "
+        "cheapest_privacy says how far"
     )
     NO_PLAUSIBLE_START = "no affordable start that a belief explains was found: use the global search"
     DRAWN = "drawn from a lottery: what is proved of the lottery is not proved of one decision"

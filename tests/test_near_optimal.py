@@ -136,15 +136,20 @@ def test_two_states_bounds_are_those_of_a_fine_grid(drawn):
     action, epsilon = some_action(drawn, 0.3)
     shares = np.linspace(0, 1, FINE + 1)
     beliefs = np.column_stack([shares, 1 - shares])
-    inside = regrets_on(drawn, beliefs, action) <= epsilon
+    regrets = regrets_on(drawn, beliefs, action)
+    inside = regrets <= epsilon
     found = near_optimal_beliefs(drawn.problem, action, epsilon)
     assert not found.is_empty
     (low, high), (other_low, other_high) = found.bounds()
     assert low + other_high == pytest.approx(1, abs=1e-6)
     assert high + other_low == pytest.approx(1, abs=1e-6)
     assume(inside.any())
-    assert low - 1e-4 <= shares[inside].min() <= low + 1.01 / FINE
-    assert high + 1e-4 >= shares[inside].max() >= high - 1.01 / FINE
+    # Where the regret is flat, the accuracy of ε alone moves an end by more than a step of the grid.
+    attained = regrets <= epsilon + found.accuracy
+    assert low - 1e-4 <= shares[inside].min()
+    assert shares[attained].min() <= low + 1.01 / FINE
+    assert high + 1e-4 >= shares[inside].max()
+    assert shares[attained].max() >= high - 1.01 / FINE
     for share, is_in in zip(shares[::20], inside[::20], strict=True):
         distance = max(low - share, share - high, 0.0) * np.sqrt(2)
         assert found.distance([share, 1 - share]) == pytest.approx(distance, abs=1e-4)

@@ -186,7 +186,8 @@ def test_held_coordinates_sit_on_their_bounds(seed, size, n_states):
     problem = quadratic(rng, n_states, box(lower, upper) & Polyhedron(A_eq=np.ones((1, size)), b_eq=[0.0]))
     best = problem.solve(np.full(n_states, 1.0 / n_states))
     slacks = problem.constraints.slacks(best)
-    assume(not ((slacks > 1e-12) & (slacks < problem.constraints.observed_slack)).any())  # these count as on their bounds
+    near = (slacks > 1e-12) & (slacks < problem.constraints.observed_slack)  # these count as on their bounds
+    assume(not near.any())
     face = face_programme(problem, problem.constraints.tight_rows(best))
     action = face.action(face.span.T @ (best - face.origin))
     at_bound = (best == lower) | (best == upper)

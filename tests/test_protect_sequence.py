@@ -177,6 +177,22 @@ def test_one_decision_is_published_for_each_month_of_returns(
     assert "has a decision on data to 2024-02-29, a date that these returns do not have" in capsys.readouterr().err
 
 
+def test_revised_returns_are_named(small, tmp_path: Path) -> None:
+    model, _, state, _ = small
+    copy = Path(shutil.copy(state, tmp_path / "state"))
+    returns = pd.DataFrame(TWO_MONTHS.to_numpy(), pd.DatetimeIndex(TWO_MONTHS.index), TWO_MONTHS.columns)
+    assert protect_step(model, BELIEF, copy, publish=True, periods=returns[:1]).revised is None
+    assert protect_step(model, BELIEF, copy, periods=returns.iloc[:, ::-1] + 1e-17).revised is None
+    revised = returns.copy()
+    revised.iloc[0, 0] += 1e-4
+    for changed in (revised, 100 * returns, returns.assign(Other=0.0)):
+        found = protect_step(model, BELIEF, copy, periods=changed)
+        assert found.revised == found.figures()["returns_revised_to"] == "2024-01-31"
+        assert "the returns to 2024-01-31 are not those of the last decision" in found.summary()
+    assert protect_step(model, BELIEF, copy, publish=True, periods=revised).revised == "2024-01-31"
+    assert protect_step(model, BELIEF, copy, periods=revised).revised is None
+
+
 def test_a_decision_without_a_date_says_so_and_a_missing_folder_is_refused(small, tmp_path: Path) -> None:
     model, _, state, _ = small
     copy = Path(shutil.copy(state, tmp_path / "state"))

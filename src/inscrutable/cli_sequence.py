@@ -9,6 +9,8 @@ from inscrutable.cli_console import Speech, results, show_table
 from inscrutable.cli_values import UsageError, belief_of, budget_of
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+
     from inscrutable.experiments.investor_model import InvestorModel
     from inscrutable.experiments.own_model import LimitsPart
     from inscrutable.validation import Array
@@ -34,16 +36,15 @@ def belief_now(belief: str | None, returns: Path | None, refused: dict[str, Any]
     raise UsageError("--state needs your belief: one of --belief and --returns")
 
 
-def belief_after(returns: Path, investor: InvestorModel, speech: Speech) -> tuple[Array, list[str]]:
-    """Return the belief about the next row after those of a file of returns, and the dates of these; say both."""
+def belief_after(path: Path, investor: InvestorModel, speech: Speech) -> tuple[Array, DataFrame]:
+    """Return the belief about the next row after the returns of a file, and these; say both."""
     from inscrutable.datasets import read_returns
 
-    table = read_returns(returns)
+    table = read_returns(path)
     found = investor.belief_after(table)
     named = ", ".join(f"{name} {share:.3f}" for name, share in zip(investor.regimes, found, strict=True))
-    dates = [f"{date:%Y-%m-%d}" for date in table.index]
-    speech.log(f"Belief after {len(table)} rows of {returns}, to {dates[-1]}: {named}")
-    return found, dates
+    speech.log(f"Belief after {len(table)} rows of {path}, to {table.index[-1]:%Y-%m-%d}: {named}")
+    return found, table
 
 
 def protect_next(
@@ -69,7 +70,7 @@ def protect_next(
     from inscrutable.experiments.silence import budget_in
 
     investor = investor_of(model, limits)
-    held, periods = belief_after(belief, investor, speech) if isinstance(belief, Path) else (belief, [])
+    held, periods = belief_after(belief, investor, speech) if isinstance(belief, Path) else (belief, ())
     if not state.exists():
         speech.log(
             f"No sequence in {state} yet: it is begun, with this budget and the prices that spend it in the long run."

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,7 @@ class ProtectedStep:
         silence: The silence regret, that of one constant portfolio, by the law of the belief.
         n_skipped: Periods since the last decision that had none.
         is_dated: Whether the period of the decision is known.
+        revised: The date to which the returns are not those of the last decision, or None.
     """
 
     model: InvestorModel
@@ -78,6 +80,7 @@ class ProtectedStep:
     silence: float
     n_skipped: int = 0
     is_dated: bool = False
+    revised: str | None = None
 
     def table(self) -> pd.DataFrame:
         """Return one row per portfolio of the lottery, the likeliest first: probability, regret and weights."""
@@ -113,6 +116,7 @@ class ProtectedStep:
             "silence_regret": self.silence,
             "belief_off_grid": self.is_off_grid,
             "counted_as_nearest": self.is_approximate,
+            "returns_revised_to": self.revised,
         }
 
     def lines(self) -> pd.DataFrame:
@@ -149,6 +153,11 @@ class ProtectedStep:
         ]
         if self.n_skipped:
             lines.append(f"Periods before this one without a decision: {self.n_skipped}. The observer's law moved on.")
+        if self.revised is not None:
+            lines.append(
+                f"Caution: the returns to {self.revised} are not those of the last decision: they were revised, or begin at "
+                "another row. Your belief is that after the returns as they are now."
+            )
         if self.is_off_grid:
             lines.append(
                 f"Your belief lies between the {self.n_beliefs} beliefs of the grid, as most do. The rule plays it all the "
@@ -204,7 +213,7 @@ def protect_step(
     *,
     publish: bool = False,
     rng: np.random.Generator | None = None,
-    periods: Sequence[str] = (),
+    periods: Sequence[str] | pd.DataFrame = (),
 ) -> ProtectedStep:
     """Return the next step of a sequence of decisions stored in a file.
 
@@ -219,7 +228,8 @@ def protect_step(
         publish: Whether to draw once, record the draw and return it; otherwise nothing is drawn.
         rng: The source of the draw; None: the operating system's entropy, because a known seed reveals the draw.
         periods: Dates of the data that the belief rests on, as "2024-03-31", ascending; none: not recorded. One decision is
-            published for each, at its end; where several are new, the observer's law moves on by as many steps.
+            published for each, at its end; where several are new, the observer's law moves on by as many steps. Or the data
+            itself, such as returns, with these dates as its index: a change of its earlier rows is then reported.
 
     Raises:
         InputError: An argument is malformed, the file is damaged or of another problem or budget, or in use, or has a decision
@@ -247,7 +257,8 @@ def protect_step(
     problem, path = model.problem, Path(state)
     held = validation.one_belief(belief, problem.n_states, names=model.regimes)
     source = np.random.default_rng() if rng is None else validation.generator(rng)
-    _check_periods(periods)
+    dates = [f"{date:%Y-%m-%d}" for date in periods.index] if isinstance(periods, pd.DataFrame) else list(periods)
+    _check_periods(dates)
     if not path.parent.exists():  # before the minute of a calibration; a mistyped path begins no other sequence
         raise InputError(f"the folder of {path} does not exist: make it, or correct the path")
     chain = chain_of(model.world)
@@ -259,9 +270,13 @@ def protect_step(
             sequence.load(path)
         else:
             sequence.save(path)
-        skipped = _begin(sequence, periods, path, publish=publish)
+        last = sequence.period
+        revised = last if sequence.digest not in (None, _digest(periods, last)) else None
+        skipped = _begin(sequence, dates, path, publish=publish)
+        if publish:
+            sequence.digest = _digest(periods, sequence.period)
         step = _step(model, held, (maker, sequence), path, source if publish else None)
-        return replace(step, n_skipped=skipped, is_dated=bool(periods))
+        return replace(step, n_skipped=skipped, is_dated=bool(dates), revised=revised)
     finally:
         sequence.close()
 
@@ -280,6 +295,15 @@ def _check_periods(periods: Sequence[str]) -> None:
         raise InputError(f"periods must be dates such as 2024-03-31: {error}") from None
     if crowded:
         raise InputError(f"the returns have more than one row for {', '.join(crowded[:8])}, expected one a period")
+
+
+def _digest(data: Sequence[str] | pd.DataFrame, last: str | None) -> str | None:
+    """Return a hash of the data to a date, to twelve decimals and in any order of columns; None where only dates are given."""
+    if last is None or not isinstance(data, pd.DataFrame):
+        return None
+    rows = data.loc[:last].sort_index(axis=1).round(12) + 0.0  # no -0
+    text = rows.to_csv(index_label="date", date_format="%Y-%m-%d", float_format="%.12f", lineterminator="\n")
+    return sha256(text.encode()).hexdigest()
 
 
 def _begin(sequence: DecisionSequence, periods: Sequence[str], path: Path, *, publish: bool) -> int:

@@ -64,8 +64,8 @@ class DecisionSequence(Summarised, KeptInFile):
 
     At every step `decide` returns the lottery, any number of times; `publish` records the one decision that was drawn and
     published. Time passes with `observe`, or else with the next `decide` or `publish`. Where the chain has public symbols,
-    `observe` takes the one of the step, before each decision. `period` may name the time of the latest decision; it is
-    stored with the rest.
+    `observe` takes the one of the step, before each decision. `period` may name the time of the latest decision, `digest` hold
+    a hash of the data that it rests on; both are stored with the rest.
 
     Cost: the solve of a step, some milliseconds for 500 beliefs and 500 decisions. Source: see `SequentialDecisionMaker`.
 
@@ -100,6 +100,7 @@ class DecisionSequence(Summarised, KeptInFile):
         self.total_regret = self.total_bits = 0.0
         self._latest: Array | None = None
         self.period: str | None = None
+        self.digest: str | None = None
         self._tree = cKDTree(self._table.prior.beliefs)
 
     def _priced(self) -> tuple[PriceCalibration, int, StepRule]:
@@ -320,6 +321,7 @@ class DecisionSequence(Summarised, KeptInFile):
             self._latest,
             self.n_steps,
             self.period,
+            self.digest,
         ).save(path)
 
     def load(self, path: PathLike) -> Self:
@@ -337,7 +339,8 @@ class DecisionSequence(Summarised, KeptInFile):
         self._published, self._looked = found.has_published, found.has_looked
         self.n_published, self.n_approximate = found.n_published, found.n_approximate
         self.n_off_grid, self.total_regret, self.total_bits = found.n_off_grid, found.regret, found.bits
-        self._latest, self.n_steps, self.period = found.latest, found.n_steps, found.period
+        self._latest, self.n_steps = found.latest, found.n_steps
+        self.period, self.digest = found.period, found.digest
         self._own, self._is_off_grid = float("nan"), False
         return self
 

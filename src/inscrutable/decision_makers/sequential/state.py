@@ -93,7 +93,7 @@ class SequenceState(Saved):
     """The saved memory of a sequence, without the agent's beliefs, generator or seed.
 
     It holds the observer's law, the prices, and the mean regrets under that law: an observer of the decisions can compute all
-    of it except `n_off_grid`, the number of beliefs off the grid.
+    of it except `n_off_grid`, the number of beliefs off the grid, and `digest`, for which it takes the data.
     """
 
     problem: SequenceProblem
@@ -111,6 +111,7 @@ class SequenceState(Saved):
     latest: Array | None = None  # (U,): the decision published last
     n_steps: int = 0  # so far; decides whether the next decision is disclosed
     period: str | None = None  # of the decision published last, such as the date of the data it rests on
+    digest: str | None = None  # hash of that data, by which a revision of it shows
     version: int = VERSION
 
     def __post_init__(self) -> None:

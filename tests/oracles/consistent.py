@@ -150,17 +150,19 @@ def nearest(system: System, point: Array) -> Array:
     right = np.concatenate([np.zeros(len(matrix)), [1.0], np.zeros(n_signed)])
     weights = np.append(np.ones(n_states), np.zeros(n_columns - n_states))
     linear = np.append(-np.asarray(point, dtype=float), np.zeros(n_columns - n_states))
+    cones = [clarabel.ZeroConeT(len(matrix) + 1), clarabel.NonnegativeConeT(n_signed)]
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
     settings.reduced_tol_gap_abs = settings.reduced_tol_gap_rel = settings.reduced_tol_feas = 1e-9
-    cones = [clarabel.ZeroConeT(len(matrix) + 1), clarabel.NonnegativeConeT(n_signed)]
-    answer = clarabel.DefaultSolver(
-        sparse.csc_matrix(np.diag(weights)), linear, sparse.csc_matrix(rows), right, cones, settings
-    ).solve()
-    if "Solved" not in str(answer.status):
-        raise RuntimeError(f"Clarabel: {answer.status}")
-    return np.asarray(answer.x[:n_states])
+    # Now and then it makes no progress to the first accuracy.
+    for accuracy in (1e-13, 1e-9):
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
+        answer = clarabel.DefaultSolver(
+            sparse.csc_matrix(np.diag(weights)), linear, sparse.csc_matrix(rows), right, cones, settings
+        ).solve()
+        if "Solved" in str(answer.status):
+            return np.asarray(answer.x[:n_states])
+    raise RuntimeError(f"Clarabel: {answer.status}")
 
 
 def vertices(system: System) -> Array:

@@ -123,9 +123,13 @@ def draw_belief(draw: st.DrawFn, rng: np.random.Generator, n_states: int) -> Arr
 
 
 def cost_scale(problem: QuadraticProblem, action: Array) -> float:
-    """Return the largest single term of any state's cost at an action: what a rounding error is relative to."""
-    curved = 0.5 * np.einsum("iuv,u,v->i", problem.hessians, action, action)
-    return float(max(np.abs(curved).max(), np.abs(problem.linear @ action).max(), np.abs(problem.constants).max()))
+    """Return the largest single term of any state's cost at an action: what a rounding error is relative to.
+
+    Terms count at their size: where a covariance is nearly singular, products a thousand times the variance cancel in it.
+    """
+    held = np.abs(action)
+    curved = 0.5 * np.einsum("iuv,u,v->i", np.abs(problem.hessians), held, held)
+    return float(max(curved.max(), (np.abs(problem.linear) @ held).max(), np.abs(problem.constants).max()))
 
 
 def system_of(problem: QuadraticProblem, action: Array) -> consistent.System:

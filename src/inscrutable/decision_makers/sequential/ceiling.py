@@ -128,7 +128,7 @@ def _mixed_answers(stakes: Stakes, some: Array, paid: Array, near: float) -> tup
             found[m] = share @ pool
             if worth > near:
                 tempted.append(law)
-        more = stakes.joined(np.array(tempted).T, near, None) if tempted else None
+        more = stakes.joined(np.array(tempted).T, near) if tempted else None
         if more is None:
             break
         stakes, some = more, more.widened(some, stakes.width)

@@ -224,3 +224,12 @@ def test_a_step_begun_from_another_one_is_as_good(fresh_rng: np.random.Generator
             for step in (begun, cold)
         ]
         assert abs(values[0] - values[1]) <= 1e-7 * (1.0 if np.isinf(told) else maker.chain.prior.error**2)
+
+
+@pytest.mark.parametrize("seed", [4, 15])
+def test_where_a_constant_decision_costs_nothing_no_rule_beats_it(seed: int) -> None:
+    """Its regret is rounding alone, beyond a budget of zero: no price of regret may be read from it."""
+    maker, *_ = drawn_case(np.random.default_rng([23, seed]), 0.3, True)
+    assert maker.limit == 0.0
+    assert 0.0 < (maker.chain.prior.weights @ maker.table.regrets).min() < 1e-15
+    assert maker.ceiling == maker.table.prior_loss

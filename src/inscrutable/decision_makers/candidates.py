@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries import ConsistentSets, consistent_sets
+from inscrutable.adversaries.consistent_sets import LARGER
 from inscrutable.axes import Axis
 from inscrutable.errors import InputError
 from inscrutable.geometry.equal_rows import first_equal
@@ -164,9 +165,6 @@ def known_candidates(problem: DecisionProblem, points: Array, decoys: Array | No
     return Candidates(points, costs, decoys, problem, usable, n_outside)
 
 
-_LARGER = 2
-
-
 class Distinct(NamedTuple):
     """Admissible decisions, one of each kind, by rising number among the candidates."""
 
@@ -193,5 +191,5 @@ def _found(candidates: Candidates) -> Distinct:
     first[sets.distinct[usable][::-1]] = usable[::-1]  # of equal decisions the first one is written last
     number = np.sort(first[first >= 0])
     costs, start, end = (np.ascontiguousarray(each[number]) for each in (candidates.state_costs, sets.start, sets.end))
-    kind = np.minimum(sets.dimension[number], _LARGER).astype(np.int64)
+    kind = np.minimum(sets.dimension[number], LARGER).astype(np.int64)
     return Distinct(number, costs, start, end - start, kind)

@@ -160,9 +160,9 @@ def table_of(
     return candidates.once((goal.rule, goal.margin), lambda: IndicatorTable(goal, candidates))
 
 
-_NEAR = 8.0 * tolerances.POLISH
-_DIRECTIONS = 300
-"""Directions tried around a belief: without them 2 of 120 decisions that keep a distance of .01 pay up to 50 % more."""
+_DIRECTIONS = 100
+"""Directions tried around a belief: without them 2 of 120 decisions that keep a distance of .01 pay up to 50 % more. With 300
+or 900 none of 34 problems of 13 beliefs differs by 1e-4, in 1.2 and 1.6 times the time."""
 
 
 class Block(NamedTuple):
@@ -207,7 +207,7 @@ class _Shortening:
         """Return the last decisions on the paths that meet the goal, or those of the block where these cost less."""
         block = self._block
         everyone = np.arange(len(block.beliefs))
-        ends = self._bracket()
+        ends = Bracket(np.ones(everyone.size), np.zeros(everyone.size))
         values = Bracket(np.full(everyone.size, -np.inf), np.full(everyone.size, np.inf))
         shares = narrowed(lambda which, tried: side(self._meets(which, tried)), ends, values).inside
         found = self._trials(everyone, shares)
@@ -216,24 +216,6 @@ class _Shortening:
             keep[i] = not self._tests[i].reaches(found[i])
         found[keep] = block.actions[keep]
         return found
-
-    def _bracket(self) -> Bracket:
-        """Shares of each path known to meet and to miss the goal. A set is no farther than the decoy in it, so that no decoy
-        nearer than the goal's distance meets it; a little beyond it most do."""
-        block, by_corners = self._block, self._goal.rule is NonUniqueness
-        ends = Bracket(np.ones(len(block.beliefs)), np.zeros(len(block.beliefs)))
-        away = block.members - block.beliefs
-        length = np.abs(away).max(axis=1) if by_corners else np.sqrt((away**2).sum(axis=1))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            guess = self._goal.least / length
-        hopeful = np.flatnonzero(block.explained & (guess < 1.0 - _NEAR))
-        if hopeful.size:
-            beyond = guess[hopeful] + _NEAR
-            before = np.maximum(guess[hopeful] - _NEAR, 0.0)
-            fits = self._meets(hopeful, beyond)
-            fits &= (before == 0.0) | ~self._meets(hopeful, before)
-            ends.inside[hopeful[fits]], ends.outside[hopeful[fits]] = beyond[fits], before[fits]
-        return ends
 
     def _trials(self, which: np.ndarray, shares: Array) -> Array:
         part = self._block.pick(which)

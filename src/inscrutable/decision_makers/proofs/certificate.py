@@ -40,10 +40,11 @@ cells become ever thinner. 16 proofs over two to four states take up to 2 % fewe
 _EDGE_SHARE = 1.2
 """A cell's edge over 1 − τ, the rest of the ray to it: both errors are then of equal size. With half as much the one of these
 16 proofs that is left open ends 5 % higher, with twice as much none differs."""
-_PULLS = np.array([0.0, 0.01, 0.1, 0.5])
-_ATTEMPTS = 3
-_JUDGED = 64  # points whose decisions are judged in one round
-_JUDGED_SLOWLY = 2  # the same where consistent beliefs take cutting planes
+_ATTEMPTS = 3  # a limit against endless repetition: none of 124 proofs takes a second one
+_JUDGED_SLOWLY = 2
+"""Points whose decisions are judged in one round where consistent beliefs take cutting planes: with six four proofs take 1.8
+times as long, with 64 6.9 times. Elsewhere all are: with 64 one of 62 lotteries is 11 % less private, with 21 two more are, by
+up to 74 %, in .9 of the time."""
 
 
 class Question(NamedTuple):
@@ -85,7 +86,7 @@ class Prover:
         self._leaves: BoundedCells | None = None
         self._allowance = 0.0
         self._smooth = _smooth_cells(problem, self.points)
-        self._most_judged = _JUDGED_SLOWLY if problem.smooth_form() is None else _JUDGED
+        self._most_judged = _JUDGED_SLOWLY if problem.smooth_form() is None else None
         self._fibres = None if self._smooth is None else Fibres(self._smooth)
 
     def action(self, index: int) -> Array:
@@ -250,11 +251,10 @@ class Prover:
             return float(self._shared[known[0], -1])
         start = self.points.beliefs[corners]
         start = start[np.linalg.norm(start - self.belief, axis=1).argmin()]
-        trials = np.vstack([self._nearest(start) + _PULLS[:, None] * (start - self._nearest(start))])
-        values, _ = self.points.ask(trials)
-        members = values >= trials @ costs - tolerances.SHARED_DECISION * self.points.scale
-        reached = np.vstack([trials[members], start])
-        distance = float(np.linalg.norm(reached - self.belief, axis=1).min())
+        nearest = self._nearest(start)
+        values, _ = self.points.ask(nearest[None])
+        is_member = values[0] >= nearest @ costs - tolerances.SHARED_DECISION * self.points.scale
+        distance = float(np.linalg.norm((nearest if is_member else start) - self.belief))
         self._shared = np.vstack([self._shared, np.append(costs, distance)])
         return distance
 

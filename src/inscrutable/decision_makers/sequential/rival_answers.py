@@ -63,19 +63,15 @@ class RivalAnswers:
         sums, costs = self._best(joint)
         return np.asarray(joint.T @ self.common + (sums * costs).sum(axis=(0, 2)))
 
-    def joined(self, joint: Array, least: float, shares: Array | None = None) -> Self | None:
-        """Return the same with the best answers after decisions that save at least so much; None where none does.
-
-        Answers added before with small probabilities in `shares` (…,A−1) are removed.
-        """
+    def joined(self, joint: Array, least: float) -> Self | None:
+        """Return the same with the best answers after decisions that save at least so much; None where none does."""
         sums, costs = self._best(joint)
         held = sums.sum(axis=2)
         saved = (sums @ self.costs).min(axis=2) - (sums * costs).sum(axis=2)
         missing = (held > 0) & (saved > least * held)
         if not missing.any():
             return None
-        known = self if shares is None else self.mixed(shares, self)  # near ones make Newton's steps stall
-        return replace(self, costs=_different(known.costs, costs[missing]))
+        return replace(self, costs=_different(self.costs, costs[missing]))
 
     def answering(self, beliefs: Array) -> tuple[Self, Array]:
         """Return the permanent answers with the best ones to beliefs (…,X), and the shares (…,A−1) of each that are all its."""

@@ -124,16 +124,10 @@ class Stakes:
             return first
         return first._with(self.rival.mixed(self._blocks(estimates), first.rival))
 
-    def joined(self, joint: Array, least: float, estimates: Array | None) -> Self | None:
-        """Return the same with a rival's best answers after decisions that save at least so much of its loss.
-
-        Answers added before with small probabilities in the estimates (n,d) are removed. None where no answer is missing.
-        """
-        found = (
-            None
-            if self.rival is None
-            else self.rival.joined(joint, least, None if estimates is None else self._blocks(estimates))
-        )
+    def joined(self, joint: Array, least: float) -> Self | None:
+        """Return the same with a rival's best answers after decisions that save at least so much of its loss; None where no
+        answer is missing."""
+        found = None if self.rival is None else self.rival.joined(joint, least)
         return None if found is None else self._with(found)
 
     def widened(self, estimates: Array, width: int) -> Array:

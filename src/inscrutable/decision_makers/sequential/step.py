@@ -31,8 +31,6 @@ _MOST_ANSWERED = 30
 _MOST_WORK, _ANSWERING_WORK = 1e12, 2e10
 """Products of numbers in one step, some minutes, and of those with a rival's answers, some seconds: there the time grows with
 their number in the third power. A thousandth is usual."""
-_NEARER = 0.5
-"""Factor by which a round must reduce the gap for answers to be removed."""
 _Found = tuple[np.ndarray, Array, Array, float]
 """Decisions that are played, their law, the estimates after them, and the largest reduced cost of any other."""
 
@@ -268,11 +266,9 @@ class StepRule:
             found = self._solved(law, stakes, kept, None, work)
             rows = self._rows(stakes, stakes.points, *self._at(found[0]), found[1:3])
             gap = self._gap(law, stakes, rows, found[1:])
-            is_nearer = best is None or gap < _NEARER * best[-1]
             if best is None or gap < best[-1]:
                 best = stakes, found, rows, gap
-            # Answers are removed only where the gap fell, so that the rounds cannot cycle.
-            more = stakes.joined(law[:, None] * rows, least, found[2] if is_nearer else None)
+            more = stakes.joined(law[:, None] * rows, least)
         assert best is not None
         return self._kept(law, kept, best)
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import minimize_scalar
 from scipy.special import logsumexp
 
 from inscrutable import (
@@ -95,35 +95,29 @@ def gain_logs(maker: SequentialDecisionMaker, rows: Rows, m: int) -> np.ndarray:
         )
 
 
-def near_best(maker: SequentialDecisionMaker, logs: np.ndarray) -> np.ndarray:
-    """About the belief at which log c is least: it is convex in the rival's portfolio, and has false minima in the belief."""
-    rival, price = maker.loss.problem, maker.calibration.prices(0).information
-
-    def gain(portfolio: np.ndarray) -> tuple[float, np.ndarray]:
-        found = logs + maker.beliefs @ rival.state_costs(portfolio) / price
-        mean = np.exp(found - logsumexp(found)) @ maker.beliefs
-        return float(logsumexp(found)), mean @ (rival.hessians @ portfolio + rival.linear) / price
-
-    grid = rival.solve(simplex_grid(3, 40))
-    start = grid[logsumexp(logs[:, None] + maker.beliefs @ rival.state_costs(grid).T / price, axis=0).argmin()]
-    whole = {"type": "eq", "fun": lambda u: u.sum() - 1.0, "jac": np.ones_like}
-    found = minimize(
-        gain, start, jac=True, method="SLSQP", bounds=[(0.0, 1.0)] * 6, constraints=whole, options={"ftol": 1e-12}
-    )
-    terms = logs + maker.beliefs @ rival.state_costs(found.x) / price
-    return np.asarray(np.exp(terms - logsumexp(terms)) @ maker.beliefs)
-
-
 def least_gain(maker: SequentialDecisionMaker, rows: Rows, m: int) -> float:
-    """log c of a decision at the rival's best answer to it, by a simplex search over the belief it acts on."""
+    """log c of a decision at the rival's best answer to it: convex in the rival's portfolio, but not in the belief behind that.
+
+    Each step goes toward the answer to the mean belief under the weights at a portfolio: the gradient there is that answer's
+    problem's, so that the step leads downwards until both are the same.
+    """
     logs, rival, price = gain_logs(maker, rows, m), maker.loss.problem, maker.calibration.prices(0).information
 
-    def gain(free: np.ndarray) -> float:
-        belief = np.exp(np.append(free, 0.0) - logsumexp(np.append(free, 0.0)))
-        return float(logsumexp(logs + maker.beliefs @ rival.state_costs(rival.solve(belief)) / price))
+    def terms(portfolio: np.ndarray) -> np.ndarray:
+        return np.asarray(logs + maker.beliefs @ rival.state_costs(portfolio) / price)
 
-    start = np.maximum(near_best(maker, logs), 1e-6)
-    return float(minimize(gain, np.log(start[:2] / start[2]), method="Nelder-Mead").fun)
+    grid = rival.solve(simplex_grid(3, 40))
+    at = grid[logsumexp(logs[:, None] + maker.beliefs @ rival.state_costs(grid).T / price, axis=0).argmin()]
+    while True:
+        now = float(logsumexp(terms(at)))
+        away = rival.solve(np.exp(terms(at) - now) @ maker.beliefs) - at
+        line = minimize_scalar(
+            lambda share, at=at, away=away: logsumexp(terms(at + share * away)), bounds=(0.0, 1.0), method="bounded",
+            options={"xatol": 1e-12},
+        )  # fmt: skip
+        if not line.fun < now - 1e-12:
+            return now
+        at = at + line.x * away
 
 
 @pytest.mark.parametrize("told", [1.0, 0.1, 0.03])

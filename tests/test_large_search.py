@@ -66,6 +66,30 @@ def test_a_decision_is_as_private_as_the_best_known(name):
     assert decision.privacy >= REACHED * large_markets.best_known(instance).privacy
 
 
+@pytest.mark.parametrize(
+    ("seed", "n_states", "spread", "known"),
+    [
+        (10040, 3, 0.0, 0.2323),  # a thin region is reached from two sides, and only one of them was climbed
+        (60190, 4, 0.0, 0.1393),  # where the budget is spent and a row is active no step is left
+        (30340, 5, 0.0, 0.5985),  # a start inside a region too thin for it
+        (30051, 6, 1.0, 0.9962),  # the curvature of rows shortened the steps of an ascent to nothing
+    ],
+)
+def test_thin_regions_and_long_steps(seed, n_states, spread, known):
+    """A former search found .21, .41 and .68 of the first, third and fourth, and .02 of the second from starts on its row."""
+    rng = np.random.default_rng(seed)
+    market = markets.random_market(rng, n_states, int(rng.integers(2, 9)), scale_spread=spread)
+    beliefs = rng.dirichlet(np.ones(n_states), 2 if seed == 60190 else 1)
+    share = float(rng.choice([0.003, 0.03, 0.1, 0.3]))
+    decision = CounterAdversarialDecisionMaker(MarkowitzProblem(*market), budget=share).decide(beliefs[0])
+    cost = multistart.optimal_cost_of(market, beliefs[0])
+    verdict = multistart.judged(market, beliefs[0], cost, decision.action)
+    assert verdict.admissible
+    assert verdict.regret <= share * abs(cost) * (1.0 + ROUNDING)
+    assert verdict.privacy == pytest.approx(decision.privacy, abs=CLOSE)
+    assert decision.privacy >= known
+
+
 @pytest.mark.parametrize("seed", range(instances(3, least=1)))
 def test_toward_a_target_no_affordable_candidate_is_nearer(seed):
     rng = np.random.default_rng(seed)

@@ -244,6 +244,44 @@ def _bend_rows(rows: Any, basis: Any, top: float, weights: Any, lines: Any, hess
                 hessian[a, b] += across * units[r, a] * units[r, b]
 
 
+@inlined
+def _next_step(
+    curves: Any, rows: Any, aim: Any, rules: Any, place: Any, known: Any, lines: Any, model: Any
+) -> tuple[float, float]:
+    """Fill the step from (w, z) and the multipliers of the lines; returns the gain that is promised, −1 where there is no step,
+    and the budget's multiplier.
+
+    Near multipliers of the last step the rows' curvature may shorten a step to nothing where a long one helps. Then one
+    without it counts: else 1 of 400 decisions over six states loses 32 %, two .2 %.
+
+    known: that of `_model`; model: (active rows, slope, Hessian, step, multipliers of the last step, memory).
+    """
+    (w, z), (units, sides, lengths) = place, lines
+    active, slope, hessian, step, weights, memory = model
+    k, m, has_budget = w.size - 1, rows.shape[0], aim.limit < np.inf
+    promise, weight = -1.0, 0.0
+    for _ in range(2):
+        is_bent = bool(np.any(weights != 0.0))
+        weight = _model(curves, rows, aim, rules.basis, (w, z), active, known, (slope, hessian))
+        top = largest_in(hessian, k)
+        _bend_rows(rows, rules.basis, top, weights, (units, lengths), hessian)
+        # Convex in the decision; the member's own coordinates are not to be held back.
+        bends, below, near = (k, top, _GROWTH), (units, sides, k), 0.01 * rules.near
+        promise = -1.0
+        if quadratic_step((hessian, slope, bends), below, near, step, weights, memory):
+            promise = 0.0
+            for a in range(k):
+                promise -= slope[a] * step[a]
+            for r in range(lengths.size):
+                weights[r] /= lengths[r]
+            if has_budget:  # the model is of ½Ψ²
+                promise, weight = promise / max(known[0], rules.near), weights[m]
+        if promise > rules.accuracy or not is_bent:
+            break
+        weights[:] = 0.0
+    return promise, float(weight)
+
+
 @internal
 def _move(w: Any, z: Any, step: Any, share: float, basis: Any, trial: Any, member: Any) -> None:
     """A share of the step from (w, z)."""
@@ -274,6 +312,7 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, floor: fl
     cost_slope, bend = np.empty(k), np.empty((k, k))
     trial, member, nearest = w.copy(), z.copy(), np.empty(n_states)
     written, active = (units, sides, lengths), room.active[: k + face.n_set_rows]
+    model = (active, slope, hessian, step, weights, memory)
     best, share, weight = np.inf, 1.0, 0.0
     for turn in range(_TRIALS):
         loss, distance, known = np.inf, np.inf, best < np.inf
@@ -294,31 +333,14 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, floor: fl
             best = loss
             put(trial, w)
             put(nearest, z)
-            if known and gain <= rules.accuracy and share == 1.0:
-                break
             enough = max(_CREEP * abs(best), _OF_SHORTFALL * (floor + best))
             creeps = share == 1.0 and (_TRIALS - turn) * gain <= enough
             share = 1.0
-            state = (distance, weight, known)
-            weight = _model(curves, rows, aim, rules.basis, (w, z), active, state, (slope, hessian))
             cost_model(curves, aim.belief, w, cost_slope, bend)
             left = aim.limit - cost_at(curves, aim.belief, w) + aim.optimal_cost
             _write_rows(rows, rules.basis, (w, z), cost_slope, left, written)
-            top = largest_in(hessian, k)
-            _bend_rows(rows, rules.basis, top, weights, (units, lengths), hessian)
-            near = 0.01 * rules.near
-            # Convex in the decision; the member's own coordinates are not to be held back.
-            if not quadratic_step((hessian, slope, (k, top, _GROWTH)), (units, sides, k), near, step, weights, memory):
-                break
-            promise = 0.0
-            for a in range(k):
-                promise -= slope[a] * step[a]
-            for r in range(lines):
-                weights[r] /= lengths[r]
-            if has_budget:
-                weight = weights[m]
-            if has_budget:  # the model is of ½Ψ²
-                promise /= max(distance, rules.near)
+            state = (distance, weight, known)
+            promise, weight = _next_step(curves, rows, aim, rules, (w, z), state, written, model)
             if promise <= rules.accuracy or (creeps and (_TRIALS - turn) * promise <= enough):
                 break
         _move(w, z, step, share, rules.basis, trial, member)

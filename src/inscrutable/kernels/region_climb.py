@@ -48,6 +48,7 @@ class Climbs(NamedTuple):
 
     region: Any  # (n,)
     decoys: Any  # (n,X)
+    others: Any  # (n,X) where each begins again if that leads to no decision, where it differs
     actions: Any  # (n,U)
     is_known: Any  # (n,) whether lines through the region's cheapest decision were looked at in an earlier turn
 
@@ -147,6 +148,9 @@ def climb_decoys(count: int, climbs: Any, aim: Any, regions: Any, rules: Any, sp
         spots.numbers[s, 0], spots.numbers[s, 3], spots.is_known[s] = -np.inf, -np.inf, False
         put(climbs.decoys[s], y)
         loss, weight = climb(face, aim, rules, y, w, _ROUNDS)
+        if not loss < np.inf and np.any(climbs.others[s] != climbs.decoys[s]):
+            put(climbs.others[s], y)
+            loss, weight = climb(face, aim, rules, y, w, _ROUNDS)
         if loss < np.inf:
             _keep(face, aim, rules, w, weight, spots, s, room)
             put(y, spots.far[s])

@@ -47,9 +47,10 @@ _PROMISE_AT_PRICE, _SET_PROMISE_AT_PRICE = 1.015, 1.2
 BEST, FAR = integer(0), integer(1)
 """Sources of climbs: an entry's best decision, and its farthest belief's; then the beliefs of freed rows."""
 _UNMET = 1e6  # below all distances: rows that are zero at no belief of a decision come last
-_INWARD = 0.01
+_INWARD = (0.01, 0.001)
 """A climb beyond a row starts this share of the way from the decision on the row to the belief: where the budget is spent and
-the row is active no feasible step is left."""
+the row is active no feasible step is left. Where the first leads to no decision the second follows: of 2,800 decisions over
+three to six states with 2 to 8 assets 3 lose up to 31 % without, and over four 1 of 500 loses 85 % with the second alone."""
 
 
 class Table(NamedTuple):
@@ -121,8 +122,8 @@ def _turn_room(n_states: int, n_actions: int, n_rows: int, most: int) -> Turn:
     """Return memory for searches in a problem with turns of at most so many climbs."""
     size, number = n_actions + 1, np.int64
     climbs = Climbs(
-        np.empty(most, dtype=number), np.empty((most, n_states)), np.empty((most, n_actions)),
-        np.empty(most, dtype=np.bool_),
+        np.empty(most, dtype=number), np.empty((most, n_states)), np.empty((most, n_states)),
+        np.empty((most, n_actions)), np.empty(most, dtype=np.bool_),
     )  # fmt: skip
     spots = Spots(
         np.empty((most, 5)), np.empty((most, n_states)), np.empty((most, size)), np.empty((most, n_states)),
@@ -200,9 +201,10 @@ def _record(reached: Any, t: int, place_of: tuple[int, int], spots: Any, s: int)
 
 @uncounted
 def _key(region: int, source: int, decoy: Any, point: Any) -> int:
-    """Number of what is tried only once: a region, from the best decision of a neighbour or from another belief's orthant."""
-    kind = 0 if source == BEST else 1 + _orthant(decoy, point)
-    return int(region * 2 ** (point.size + 1) + kind)
+    """Number of what is tried only once: a region, from the best decision of a neighbour, or from an orthant of farthest
+    beliefs or of those of freed rows. Where these count as one, 1 of 800 decisions over three states loses 7 %."""
+    kind = 0 if source == BEST else 1 + 2 * _orthant(decoy, point) + (source > FAR)
+    return int(region * 2 ** (point.size + 2) + kind)
 
 
 @inlined
@@ -439,12 +441,14 @@ def _begin_climbs(starts: Any, belief: Any, t: int, search: Any) -> None:
                 climbs.is_known[j] = True
         if source < 0:
             put(starts.decoys[-1 - source], climbs.decoys[j])
+            put(starts.decoys[-1 - source], climbs.others[j])
             put(starts.actions[-1 - source], climbs.actions[j])
         else:
             put(turn.actions[FAR if source == FAR else BEST], climbs.actions[j])
             for i in range(belief.size):
                 decoy = turn.decoys[source, i]
-                climbs.decoys[j, i] = decoy + _INWARD * (belief[i] - decoy)
+                climbs.decoys[j, i] = decoy + _INWARD[0] * (belief[i] - decoy)
+                climbs.others[j, i] = decoy + _INWARD[1] * (belief[i] - decoy)
 
 
 @deferred(kernel)

@@ -71,6 +71,16 @@ def test_modules_have_a_docstring() -> None:
     assert [place(path) for path, tree in trees().items() if not ast.get_docstring(tree)] == []
 
 
+def test_no_constant_is_stated_twice() -> None:
+    """The second value would count everywhere."""
+    twice = []
+    for path, tree in trees().items():
+        stated = [node.targets[0] for node in tree.body if isinstance(node, ast.Assign)]
+        names = [name.id for name in stated if isinstance(name, ast.Name)]
+        twice += [f"{place(path)} {name}" for name in sorted({name for name in names if names.count(name) > 1})]
+    assert twice == []
+
+
 def test_files_are_short() -> None:
     assert [place(path) for path, text in TEXTS.items() if len(text.splitlines()) > MOST_LINES] == []
 

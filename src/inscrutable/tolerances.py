@@ -225,7 +225,7 @@ CONTRACT = 1e-9
 """Largest breach of a promise about costs, relative to their scale, that a contract checker forgives: accuracy asked of a
 decision problem's forward solves."""
 
-SAME_LAW = 1e-3
+SAME_EXPECTED_COST = 1e-3
 """Largest difference, relative to the scale of costs, of a decision maker's expected costs between `decide` and `decide_many`.
 Searches end within a millionth of the best privacy, which is flat there: decisions may be its root apart."""
 

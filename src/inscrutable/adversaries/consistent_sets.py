@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, MutableMapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -35,7 +34,8 @@ class ConsistentSets:
     start: Array  # (M, X)
     end: Array  # (M, X)
     distinct: np.ndarray  # (M,): the first decision equal to this one
-    _larger: MutableMapping[int, BeliefSet] = field(default_factory=dict, repr=False)
+    _larger: dict[int, BeliefSet] = field(default_factory=dict, repr=False)
+    _parts: tuple[ConsistentSets, ...] = field(default=(), repr=False)
 
     def __len__(self) -> int:
         return int(self.actions.shape[0])
@@ -43,6 +43,9 @@ class ConsistentSets:
     def __getitem__(self, index: int) -> BeliefSet:
         """Return the belief set of one decision; equal decisions share it."""
         first = int(self.distinct[index])
+        if self._parts:  # which keep the sets that they find, for others that they are joined with
+            before, behind = self._parts
+            return before[first] if first < len(before) else behind[first - len(before)]
         if first not in self._larger:
             self._larger[first] = belief_set_of(self.problem, self.actions[first])
         return self._larger[first]
@@ -50,8 +53,6 @@ class ConsistentSets:
     def joined(self, other: ConsistentSets) -> ConsistentSets:
         """Return these sets followed by others of the same problem; equal decisions of the two are not merged."""
         shift = len(self)
-        # Sets of this object found later stay known to the joined one's successors too: the dictionary is shared.
-        known = _Offset(self._larger, other._larger, shift)
         return ConsistentSets(
             self.problem,
             np.vstack([self.actions, other.actions]),
@@ -59,7 +60,7 @@ class ConsistentSets:
             np.vstack([self.start, other.start]),
             np.vstack([self.end, other.end]),
             np.concatenate([self.distinct, other.distinct + shift]),
-            known,
+            _parts=(self, other),
         )
 
     def distances(self, belief: Array) -> Array:
@@ -79,37 +80,6 @@ class ConsistentSets:
             share = np.where(length > 0, np.clip((toward * along).sum(axis=1) / length, 0.0, 1.0), 0.0)
         distances = np.linalg.norm(toward - share[:, None] * along, axis=1)
         return np.where(self.dimension < 0, np.inf, distances)
-
-
-class _Offset(MutableMapping[int, BeliefSet]):
-    """Two stores of belief sets as one; the indices of the second are shifted."""
-
-    def __init__(
-        self, first: MutableMapping[int, BeliefSet], second: MutableMapping[int, BeliefSet], shift: int
-    ) -> None:
-        self._first, self._second, self._shift = first, second, shift
-
-    def _place(self, key: int) -> tuple[MutableMapping[int, BeliefSet], int]:
-        return (self._first, key) if key < self._shift else (self._second, key - self._shift)
-
-    def __getitem__(self, key: int) -> BeliefSet:
-        store, place = self._place(key)
-        return store[place]
-
-    def __setitem__(self, key: int, value: BeliefSet) -> None:
-        store, place = self._place(key)
-        store[place] = value
-
-    def __delitem__(self, key: int) -> None:
-        store, place = self._place(key)
-        del store[place]
-
-    def __iter__(self) -> Iterator[int]:
-        yield from self._first
-        yield from (key + self._shift for key in self._second)
-
-    def __len__(self) -> int:
-        return len(self._first) + len(self._second)
 
 
 def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | None = None) -> ConsistentSets:

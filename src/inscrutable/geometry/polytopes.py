@@ -113,13 +113,8 @@ def _deepest_point(rows: Array, offsets: Array) -> tuple[Array, float]:
     """Centre and radius of the largest inscribed ball; a negative radius is the amount by which rows conflict."""
     objective = np.zeros(rows.shape[1] + 1)
     objective[-1] = -1.0
-    answer = minimise_over_rows(objective, np.column_stack([rows, np.ones(rows.shape[0])]), offsets)
+    answer = minimum(objective, Rows(np.column_stack([rows, np.ones(rows.shape[0])]), offsets)).x
     return np.asarray(answer[:-1]), float(answer[-1])
-
-
-def minimise_over_rows(objective: Array, rows: Array, offsets: Array) -> Array:
-    """Return a minimiser z of objective'z over rows z ≤ offsets."""
-    return minimum(objective, Rows(rows, offsets)).x
 
 
 def _always_tight(rows: Array, offsets: Array) -> np.ndarray:
@@ -128,13 +123,13 @@ def _always_tight(rows: Array, offsets: Array) -> np.ndarray:
     tight = np.ones(len(rows), dtype=bool)
     while tight.any():
         # This point has slack in many rows at once; other rows may still have slack elsewhere.
-        slack = offsets - rows @ minimise_over_rows(rows[tight].sum(axis=0), rows, offsets)
+        slack = offsets - rows @ minimum(rows[tight].sum(axis=0), Rows(rows, offsets)).x
         if (slack[tight] > least).any():
             tight &= slack <= least
             continue
         if slack[tight].sum() > least:
             for j in np.flatnonzero(tight):
-                tight[j] = offsets[j] - rows[j] @ minimise_over_rows(rows[j], rows, offsets) <= least
+                tight[j] = offsets[j] - rows[j] @ minimum(rows[j], Rows(rows, offsets)).x <= least
         break
     return tight
 

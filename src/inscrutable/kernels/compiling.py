@@ -27,12 +27,12 @@ _LOGGER = logging.getLogger(__name__.rpartition(".")[0])
 
 
 class CompilationNotice(event.Listener):
-    """Warns once, when the package's own compilations have taken `patience` seconds in all."""
+    """Warns once, when the package's own compilations have taken `patience` seconds in all; the collector is off meanwhile."""
 
     def __init__(self, patience: float = PATIENCE) -> None:
         self._left = patience
         self._said = False
-        self._depth = 0
+        self._depth, self._paused = 0, False
         self._started = 0.0
         self._timer: Timer | None = None
 
@@ -41,6 +41,9 @@ class CompilationNotice(event.Listener):
         if not _is_ours(event):
             return
         self._depth += 1
+        if self._depth == 1:
+            self._paused = gc.isenabled()
+            gc.disable()
         if self._depth == 1 and not self._said:
             self._started = monotonic()
             self._timer = Timer(self._left, self._say)
@@ -52,6 +55,8 @@ class CompilationNotice(event.Listener):
         if not _is_ours(event):
             return
         self._depth -= 1
+        if self._depth == 0 and self._paused:
+            gc.enable()
         if self._depth == 0 and self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -62,31 +67,6 @@ class CompilationNotice(event.Listener):
         _LOGGER.warning(MESSAGE)
 
 
-class CollectorPause(event.Listener):
-    """Switches the garbage collector off while the package's kernels compile, if it was on before."""
-
-    def __init__(self) -> None:
-        self._depth = 0
-        self._paused = False
-
-    def on_start(self, event: Any) -> None:
-        """A kernel, or one that it calls, starts to compile."""
-        if not _is_ours(event):
-            return
-        self._depth += 1
-        if self._depth == 1:
-            self._paused = gc.isenabled()
-            gc.disable()
-
-    def on_end(self, event: Any) -> None:
-        """It ends; after the outermost one the collector is on again."""
-        if not _is_ours(event):
-            return
-        self._depth -= 1
-        if self._depth == 0 and self._paused:
-            gc.enable()
-
-
 def _is_ours(event: Any) -> bool:
     function = getattr((event.data or {}).get("dispatcher"), "py_func", None)
     return getattr(function, "__module__", "").partition(".")[0] == _PACKAGE
@@ -95,6 +75,5 @@ def _is_ours(event: Any) -> bool:
 def listen() -> CompilationNotice:
     """Begin to listen; done once, when the first kernel is imported."""
     notice = CompilationNotice()
-    for listener in (notice, CollectorPause()):
-        event.register("numba:compile", listener)  # type: ignore[no-untyped-call]
+    event.register("numba:compile", notice)  # type: ignore[no-untyped-call]
     return notice

@@ -13,9 +13,9 @@ import numpy as np
 
 from inscrutable.kernels.copies import put, put_descending
 from inscrutable.kernels.deferred import deferred
+from inscrutable.kernels.faces import row_value
 from inscrutable.kernels.options import inlined, integer, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.region_climb import (
-    Ascents,
     ClimbRoom,
     Climbs,
     Spots,
@@ -96,9 +96,6 @@ class Explored(NamedTuple):
     is_known: Any  # (T,C) whether lines through the region's cheapest decision were looked at
     n_tried: Any  # (T,)
     tried: Any  # (T,Q)
-    n_ascents: Any  # (T,1)
-    ascent_region: Any  # (T,N) where the last ascents began and ended
-    ascent_place: Any  # (T,N,M)
 
 
 class Turn(NamedTuple):
@@ -245,16 +242,6 @@ def _ask(regions: Any, number: int, row: int, source: int, t: int, search: Any) 
 
 
 @uncounted
-def _row_at(row: Any, belief: Any, w: Any) -> float:
-    """Σ y_i R_i·w."""
-    total = 0.0
-    for i in range(belief.size):
-        for a in range(w.size):
-            total += belief[i] * row[i, a] * w[a]
-    return total
-
-
-@uncounted
 def _ask_at_corner(
     regions: Any, number: int, limits: Any, w: Any, belief: Any, source: int, t: int, search: Any
 ) -> None:
@@ -263,11 +250,11 @@ def _ask_at_corner(
     rows = rows_of(regions, number, n_states)
     if has_multipliers(regions, number, n_states):
         for r in range(regions.n_observable[number]):
-            if _row_at(rows[n_states + r], belief, w) <= limits.reach:
+            if row_value(rows[n_states + r], belief, w) <= limits.reach:
                 _ask(regions, number, regions.observable[number, r], source, t, search)
     for row in range(regions.tight.shape[1]):
         if not regions.tight[number, row]:
-            if _row_at(rows[first], belief, w) <= limits.reach:
+            if row_value(rows[first], belief, w) <= limits.reach:
                 _ask(regions, number, row, source, t, search)
             first += 1
 
@@ -289,7 +276,7 @@ def _ask_for_freed(regions: Any, number: int, aim: Any, rules: Any, w: Any, t: i
         turn.values[r] = aim.sign * distance
         if not distance < np.inf:
             put(far, turn.members[r])
-            turn.values[r] = -_UNMET - _row_at(face.rows[n_states + r], far, w)
+            turn.values[r] = -_UNMET - row_value(face.rows[n_states + r], far, w)
     put_descending(turn.values[:n_observable], turn.order)
     for j in range(min(n_states, n_observable)):
         r = turn.order[j]
@@ -473,8 +460,7 @@ def search_regions(
             if aim.sign > 0.0:
                 # No set is farther than its members: regions whose decoys are not worth as much are left out.
                 floor = _top(reached, t, VALUE)
-                ascents = Ascents(reached.n_ascents[t], reached.ascent_region[t], reached.ascent_place[t])
-                search_sets(count, climbs, aim, floor, regions, rules, (spots, ascents), turn.climb)
+                search_sets(count, climbs, aim, floor, regions, rules, spots, turn.climb)
             for j in range(count):
                 number = climbs.region[j]
                 orthant = 0 if regions.is_point[number] else _orthant(spots.far[j], aim.point)
@@ -536,9 +522,6 @@ def best_starts(low: int, high: int, aims: Any, table: Any, axes: Any, n_regions
                 best[region[d], orthant] = value
                 which[region[d], orthant] = d
         _in_order(best, which, index[t], values[t])
-        if price == 0.0:
-            for s in range(index.shape[1]):
-                values[t, s] = sign * np.sqrt(abs(values[t, s]))
 
 
 @inlined

@@ -25,7 +25,7 @@ class _Law(NamedTuple):
 
 
 def check_decision_maker(
-    decision_maker: Any, *, rng: np.random.Generator | None = None, tolerance: float = tolerances.SAME_LAW
+    decision_maker: Any, *, rng: np.random.Generator | None = None, tolerance: float = tolerances.SAME_EXPECTED_COST
 ) -> None:
     """Check on random beliefs that a decision maker keeps its promises; silent where it does.
 

@@ -334,8 +334,6 @@ def _explored(space: SearchSpace, count: int, most_missing: int) -> Explored:
         np.empty((count, _MOST_REACHED, n_states)), np.empty((count, _MOST_REACHED, size)),
         np.empty((count, _MOST_REACHED), dtype=np.bool_), np.empty((count, _MOST_REACHED), dtype=np.bool_),
         np.zeros(count, dtype=np.int64), np.empty((count, _MOST_TRIED), dtype=np.int64),
-        np.zeros((count, 1), dtype=np.int64), np.empty((count, _MOST_REACHED), dtype=np.int64),
-        np.empty((count, _MOST_REACHED, size)),
     )  # fmt: skip
 
 

@@ -179,6 +179,33 @@ def test_hiding_that_helps_the_aware_observer_is_a_caution(moving: Backtest) -> 
     assert not any("informs" in each for each in cautions(shifted(open_to_all, {}, CDM={"error_followed": 0.23})))
 
 
+HIDDEN = {"error_face_value": 1.2, "error_followed": 1.2, "share_regime_named": 0.3, "share_regime_named_followed": 0.3}
+
+
+def test_an_aware_observer_with_another_law_or_a_coarse_grid_judges_nothing(moving: Backtest) -> None:
+    """Where it errs more than the naive observer, or than its law expects, weights are not called hidden from it."""
+    assert moving.aware is not None
+    expected = moving.aware.prior.error
+    read = {
+        "error_face_value": 0.0,
+        "error_followed": 0.0,
+        "share_regime_named": 1.0,
+        "share_regime_named_followed": 1.0,
+    }
+    good = shifted(moving, {"error_without": expected, **HIDDEN}, ODM=read)
+    assert "from both observers" in verdict(good)[0]
+    law = shifted(moving, {"error_without": 1.6 * expected, **HIDDEN}, ODM=read)
+    grid = shifted(moving, {"error_without": expected, **HIDDEN}, ODM={**read, "error_followed": 0.06 * expected})
+    for poor, said in ((law, "these beliefs follow another"), (grid, "errs more than the naive one (")):
+        assert "from the naive observer alone" in verdict(poor)[0]
+        assert any("cannot be judged, as its estimates are poor here" in line for line in verdict(poor))
+        assert any(said in line for line in cautions(poor)) != any(said in line for line in cautions(good))
+    unread = shifted(
+        moving, {"error_without": expected, **HIDDEN}, ODM={**HIDDEN, **{k: read[k] for k in list(read)[::2]}}
+    )
+    assert "pass for hidden as well" not in " ".join(verdict(unread))
+
+
 def test_the_worst_month_stands_beside_the_price(moving: Backtest) -> None:
     regrets = np.full(N_DECISIONS, 1e-4)
     regrets[4] = 60e-4

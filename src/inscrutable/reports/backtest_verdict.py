@@ -20,6 +20,8 @@ _FAR_ABOVE = 3.0
 """The worst decision is told where its regret exceeds the mean by this factor."""
 _CLEARLY = 0.05
 """Share of the error without weights by which an error is smaller than another for a caution."""
+_ANOTHER_LAW = 1.5
+"""Factor by which the error without weights exceeds the law's own for a caution; it is .84 on the packaged returns."""
 _NEARLY_ALWAYS = 0.9
 """A commonest regime that is right in more of the decisions than this leaves few to judge by."""
 
@@ -45,6 +47,7 @@ def answer(result: Backtest) -> str:
     groups: dict[str, list[str]] = {}
     for name in hiding:
         naive, aware = (asked.is_met(seen.reached(name, figures[name])) for seen in _SEEN.values())
+        aware = aware and name not in _unjudged(result)
         groups.setdefault(_WHOM[naive, aware], []).append(name)
     unit, worth = f" basis points of risk-adjusted return a {result.market.frequency.word}", _worth(result)
     if worth > 0.0:
@@ -84,13 +87,15 @@ def nothing_to_hide(result: Backtest) -> dict[str, _Nothing]:
     if moves_little(result.beliefs):
         why = f"the belief hardly moves over these {len(result.beliefs)} {word}s, and its mean tells it without any weights"
         return dict.fromkeys(seen, _Nothing("nothing", why))
-    found, named = {}, 0.0
+    found, named, is_read = {}, 0.0, False
     weights = f"the {FULL_NAMES['ODM']} weights, without protection,"
     for who, keys in seen.items():
         reached, without = keys.reached(result.names[0], own), own["error_without"]
         # What the naive observer reads, the weights reveal to the aware one, too; NaN, where it reads none, is no reason.
         named = float(np.maximum(named, reached.named))
-        if result.aware is not None and _asked(result).is_met(reached):
+        is_hidden = _asked(result).is_met(reached) if result.aware is not None else False
+        is_read = is_read or (not is_hidden and np.isfinite(reached.error))
+        if is_hidden and not is_read:
             found[who] = _Nothing("nothing", f"{weights} pass for hidden as well")
         elif named <= own["base_rate"]:
             why = (
@@ -196,8 +201,13 @@ def verdict(result: Backtest) -> list[str]:
             "aware": f"aware observer, who knows the rules and follows all {word}s",
         }
         for who, seen in _SEEN.items():
-            reached = [seen.reached(full_name(name), figures[name]) for name in hiding]
-            told = asked.judge(reached)
+            poor = [name for name in hiding if who == "aware" and name in _unjudged(result)]
+            told = asked.judge([seen.reached(full_name(name), figures[name]) for name in hiding if name not in poor])
+            if poor:
+                unknown = (
+                    f"{listed([full_name(name) for name in poor])} cannot be judged, as its estimates are poor here"
+                )
+                told = unknown if len(poor) == len(hiding) else f"{told}; {unknown}"
             if who in nothing:
                 told = f"cannot be judged, as there is {nothing[who].what} to hide"
             lines.append(f"Hidden from the {described[who]}: {told}.")
@@ -327,6 +337,7 @@ def cautions(result: Backtest) -> list[str]:
         ]
     if hiding and _few_others(result) and len(nothing) < len(_SEEN):
         said.append(f"Few {result.market.frequency.word}s tell whether the regime is hidden: {_few_others(result)}.")
+    said += _poor_estimates(result)
     for name in filter(lambda each: _informs(result, each), hiding):
         errors = (f"{figures[each]['error_followed']:.2f}" for each in (name, odm))
         said.append(
@@ -347,6 +358,52 @@ def _informs(result: Backtest, name: str) -> bool:
     """Whether the aware observer over time errs clearly less under a rule than under optimal decisions."""
     unprotected, reached = (result.figures[each]["error_followed"] for each in (result.names[0], name))
     return bool(reached < unprotected - _CLEARLY * result.figures[name]["error_without"])
+
+
+def _coarse(result: Backtest) -> dict[str, str]:
+    """Return the errors of the aware and the naive observer where the first, who knows more, errs more: by decision maker."""
+    figures = result.figures
+    spare = _CLEARLY * figures[result.names[0]]["error_without"]
+    return {
+        name: f"{each['error_followed']:.2f} instead of {each['error_face_value']:.2f} under {name}"
+        for name, each in figures.items()
+        if name != SEQUENTIAL and each["error_followed"] > each["error_face_value"] + spare
+    }
+
+
+def _errors_without(result: Backtest) -> tuple[float, float]:
+    """Return the aware observer's error without weights, and the one that its law expects."""
+    assert result.aware is not None
+    return result.figures[result.names[0]]["error_without"], result.aware.prior.error
+
+
+def _unjudged(result: Backtest) -> set[str]:
+    """Return the rules of which the aware observer's estimates are poor: it has another law, or too coarse a grid."""
+    if result.aware is None:
+        return set()
+    here, there = _errors_without(result)
+    if here > _ANOTHER_LAW * there:
+        return set(result.names)
+    # The sequential rule's own grid is that of its observer.
+    return set(result.names) - {SEQUENTIAL} if _coarse(result) else set()
+
+
+def _poor_estimates(result: Backtest) -> list[str]:
+    """Return the reasons why rules are not judged against the aware observer."""
+    if not _unjudged(result):
+        return []
+    said, coarse, (here, there) = [], _coarse(result), _errors_without(result)
+    if here > _ANOTHER_LAW * there:
+        said.append(
+            "The aware observer expects the belief's long-run law in the fitted regimes, and these beliefs follow another: "
+            f"without weights it errs by {here:.2f} instead of {there:.2f}. One who knows their law may read them."
+        )
+    if coarse:
+        said.append(
+            f"The aware observer errs more than the naive one ({', '.join(coarse.values())}), though it knows more: where many "
+            "beliefs explain a decision, its grid is too coarse to tell how likely each is. A better one reads more than this."
+        )
+    return said
 
 
 def _few_others(result: Backtest) -> str:

@@ -191,6 +191,12 @@ class TestLabels:
     world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], emission, names=["calm", "wild"])
     frame = pd.DataFrame({"B": [2.0, 0.1], "A": [0.9, 0.0]}, index=pd.period_range("2020-01", periods=2, freq="M"))
 
+    def test_dates_that_go_back_are_refused(self) -> None:
+        with pytest.raises(InputError, match="observations must be in the order of time: after 2020-02 comes 2020-01"):
+            filter_beliefs(self.world, self.frame[::-1])
+        numbered = self.frame[::-1].reset_index(drop=True)
+        assert filter_beliefs(self.world, numbered[::-1]).beliefs.shape == (2, 2)
+
     def test_pandas_in_pandas_out(self) -> None:
         result = filter_beliefs(self.world, self.frame)
         plain = filter_beliefs(self.world, self.frame[["A", "B"]].to_numpy())

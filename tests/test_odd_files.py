@@ -479,3 +479,11 @@ def test_turnover_is_read_row_by_row(tmp_path):
     asked = attack_weights(investor, pd.DataFrame([[0.2, 0.5, 0.3]], columns=ASSETS), regret=0.02)
     assert asked.count(Reading.NEAR) == 1
     assert "200 bp" in asked.summary()
+
+
+def test_numbers_without_their_last_zeros_have_the_digits_of_the_others(tmp_path) -> None:
+    file = tmp_path / "holdings.csv"
+    file.write_text("date,Oil,Food,Tech\n2020-01,0.2211,0.6121,0.1668\n2020-02,0.2,0.6463,0.1537\n")
+    short = read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals
+    file.write_text(file.read_text().replace("0.2,", "0.2000,"))
+    assert short == read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals == 3

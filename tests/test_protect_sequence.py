@@ -346,6 +346,12 @@ def test_optimal_weights_of_beliefs_of_the_grid_are_read_exactly(small) -> None:
     assert "1 of the 3 rows under no belief of the grid" in said
     with pytest.raises(InputError, match="rule must be one of"):
         attack_over_time(found.attack, "silence")
+    dated = published.set_axis(pd.to_datetime(["2020-01-31", "2020-02-29"]))
+    with pytest.raises(InputError, match="order of time: after 2020-02-29 comes 2020-01-31"):
+        attack_over_time(attack_weights(model, dated[::-1]), "optimal")
+    months = pd.to_datetime(["2020-01-31", "2020-02-29", "2020-03-31", "2020-08-31"])
+    gaps = attack_over_time(attack_weights(model, pd.concat([published] * 2).set_axis(months)), "optimal")
+    assert "their dates have gaps: no row for 2020-04" in gaps.summary()
     with pytest.raises(InputError, match="prices are in the file"):
         attack_over_time(found.attack, "sequential")
 

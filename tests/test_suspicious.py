@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from inscrutable import InputError
 from inscrutable.datasets import load_industry_returns, read_returns, suspicious_entries
 from inscrutable.experiments.backtest import BacktestSettings, run_backtest
 from inscrutable.reports.backtest import warnings_of
@@ -42,6 +43,22 @@ def test_a_month_of_1200_percent_is_named(fresh_rng: np.random.Generator) -> Non
     returns.iloc[70, 3] = 12.0
     (said,) = suspicious_entries(returns)
     assert said.startswith("Fund 3 on 2005-11-30: a return of +1200%")
+
+
+def test_cash_in_percent_is_named(fresh_rng: np.random.Generator) -> None:
+    returns = monthly(fresh_rng, n_assets=3)
+    returns["Cash"] = 0.4 + 0.01 * fresh_rng.uniform(size=len(returns))
+    (said,) = suspicious_entries(returns)
+    assert said == f"Cash: it never falls and rises by {returns['Cash'].median():.0%} a row, as percentages do"
+    assert suspicious_entries(returns.assign(Cash=returns["Cash"] / 100.0)) == ()
+
+
+def test_a_column_of_years_is_no_asset(tmp_path: Path) -> None:
+    returns = monthly(np.random.default_rng(0), n_assets=3)
+    returns.insert(0, "Year", returns.index.year)
+    returns.to_csv(tmp_path / "mine.csv")
+    with pytest.raises(InputError, match="every return of 'Year' exceeds 1 in size"):
+        read_returns(tmp_path / "mine.csv")
 
 
 def test_seventy_zeros_are_named_and_rounded_values_are_not(fresh_rng: np.random.Generator) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable.errors import InputError, ModelError
-from inscrutable.validation import Array
+from inscrutable.validation import Array, time_order
 from inscrutable.worlds.hidden_markov import HiddenMarkovModel
 from inscrutable.worlds.observations import is_labelled, row_name
 from inscrutable.worlds.public import public_log_likelihoods
@@ -73,7 +73,8 @@ def filter_beliefs(world: HiddenMarkovModel, observations: Any, *, public: Any =
         Beliefs (T,X), one-step predictions (T,X) and the log-likelihood.
 
     Raises:
-        InputError: `world` is no hidden Markov model, or malformed observations; row and column are named.
+        InputError: `world` is no hidden Markov model, dates of observations go back, or malformed observations; row and column
+            are named.
         ModelError: An observation that no reachable state can report; its step is named.
 
     Cost: O(T X²) after the sensor's log-likelihoods.
@@ -88,6 +89,8 @@ def filter_beliefs(world: HiddenMarkovModel, observations: Any, *, public: Any =
         >>> filter_beliefs(world, [0, 1]).beliefs.round(3).tolist()
         [[0.96, 0.04], [0.611, 0.389]]
     """
+    if is_labelled(observations):
+        time_order(observations.index, "observations")
     log_likelihoods = _log_likelihoods(_checked(world), observations, public)
     with np.errstate(divide="ignore"):
         log_prior = np.log(world.initial)

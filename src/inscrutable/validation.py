@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from inscrutable import tolerances
 from inscrutable.axes import Axis, Names, few, ordered
 from inscrutable.errors import InputError, ModelError
+from inscrutable.labels import label_text
 
 Array = NDArray[np.float64]
 
@@ -138,6 +139,20 @@ def points(value: ArrayLike, n_actions: int, names: Names | None = None) -> Arra
     if found.ndim == 0 or found.shape[-1] != n_actions:
         raise InputError(f"action has shape {found.shape}, expected {n_actions} coordinates in the last axis")
     return np.asarray(found, dtype=np.float64)
+
+
+def time_order(index: Any, name: str) -> None:
+    """Raise `InputError` where an index of dates goes back in time; other labels have no order."""
+    import pandas as pd
+
+    if not isinstance(index, (pd.DatetimeIndex, pd.PeriodIndex)):
+        return
+    back = np.flatnonzero(np.diff(index.asi8) < 0)
+    if back.size:
+        at = int(back[0])
+        raise InputError(
+            f"{name} must be in the order of time: after {label_text(index[at])} comes {label_text(index[at + 1])}"
+        )
 
 
 def positive(value: Any, name: str) -> float:

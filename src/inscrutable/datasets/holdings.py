@@ -56,7 +56,8 @@ def read_holdings(
 
     Returns:
         A `WeightsTable`. `decimals` is such that rounding in the file changes a weight by at most half a unit of the last
-        digit; `left_out` is the largest share of a row's value outside the model, `others` its labels.
+        digit; in a wide table all numbers have the digits of the longest, as spreadsheets drop zeros at the end. `left_out` is
+        the largest share of a row's value outside the model, `others` its labels.
 
     Raises:
         InputError: With file, line and column: a cell is not an amount, only some cells have per cent signs, a label is
@@ -139,6 +140,8 @@ def _wide(
                 cash[row] += cell.value
             else:
                 values[row, place], halves[row, place] = cell.value, cell.half_unit
+    if halves.any():  # spreadsheets drop the zeros at a number's end: all have the digits of the longest
+        halves[halves > 0.0] = halves[halves > 0.0].min()
     index = label_index(table) if first else pd.RangeIndex(len(table.rows), name="row")
     return values, halves, cash, index
 

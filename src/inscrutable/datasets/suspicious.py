@@ -26,6 +26,9 @@ _RATIOS = (2.0, 3.0, 4.0, 5.0, 10.0)
 _AROUND = 24
 """Number of rows for the local scale around a row."""
 
+_NEVER_SO_SURE = 0.05
+"""Median return above which a column that never falls, such as cash, is taken for percentages."""
+
 _MAD = 1.4826  # makes the median absolute deviation a standard deviation for normal data
 _MEDIAN_OF_T = 0.7649  # the median of |T|
 
@@ -38,8 +41,8 @@ def suspicious_entries(returns: pd.DataFrame) -> tuple[str, ...]:
 
     Returns:
         One sentence each, in the order: returns too large for any market, steps that look like a split, values repeated row
-        after row, gaps between dates. Empty where no entry is suspicious. On 300 rows of 12 columns of Student's t with three
-        degrees of freedom and 6 % a row, fewer than one table in a hundred give a warning.
+        after row and columns that only rise, gaps between dates. Empty where no entry is suspicious. On 300 rows of 12 columns
+        of Student's t with three degrees of freedom and 6 % a row, fewer than one table in a hundred give a warning.
 
     Cost: O(T U log T).
 
@@ -58,6 +61,11 @@ def suspicious_entries(returns: pd.DataFrame) -> tuple[str, ...]:
     found += [_split_text(returns, row, column) for row, column in _splits(values) if not beyond[row, column]]
     for column in range(values.shape[1]):
         found += _repeats(returns, column)
+        usual = float(np.median(values[:, column]))
+        if len(values) >= _AROUND and values[:, column].min() >= 0.0 and usual > _NEVER_SO_SURE:
+            found.append(
+                f"{label_text(returns.columns[column])}: it never falls and rises by {usual:.0%} a row, as percentages do"
+            )
     gaps = missing_steps(list(returns.index)) if isinstance(returns.index, pd.DatetimeIndex) else ""
     told = found[:_LISTED] + ([f"{len(found) - _LISTED} more entries like these"] if len(found) > _LISTED else [])
     return (*told, *([gaps] if gaps else []))

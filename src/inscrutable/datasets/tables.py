@@ -414,6 +414,12 @@ def _check_fractions(table: TextTable, values: NDArray[np.float64]) -> None:
             f"{_first(table, np.abs(values) > 1.0, values)}. These look like percentages or prices; expected fractions, "
             "0.01 for one per cent: divide percentages by 100, read prices with prices=True (--prices)"
         )
+    whole = np.flatnonzero((np.abs(values) > 1.0).all(axis=0) & (len(values) > 1))
+    if whole.size:
+        raise InputError(
+            f"{table.path}: every return of {table.header[int(whole[0]) + 1]!r} exceeds 1 in size; expected fractions, 0.01 "
+            "for one per cent. A column of years or numbers is no asset: leave it out"
+        )
     if np.any(values < -1.0):
         raise InputError(
             f"{_first(table, values < -1.0, values)}: a loss of more than everything, expected simple returns as "

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from inscrutable import validation
 from inscrutable.adversaries import SequentialAdversary
 from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
 from inscrutable.budgets import Budget, as_budget
+from inscrutable.datasets.suspicious import missing_steps
 from inscrutable.decision_makers import (
     CounterAdversarialDecisionMaker,
     OriginalDecisionMaker,
@@ -69,6 +71,10 @@ class AttackOverTime:
                 f"The rule plays {off} of the {len(found)} rows under no belief of the grid; the nearest weights that it plays "
                 "stand for them."
             )
+        index = self.attack.index
+        missing = missing_steps(list(index)) if isinstance(index, pd.DatetimeIndex) else ""
+        if missing:
+            lines.append(f"Caution: rows follow one another as single steps, but their dates have gaps: {missing}.")
         if lost:
             lines.append(
                 f"Caution: {lost} of the {len(found)} rows are explained by no belief of this model, so that this observer's "
@@ -99,7 +105,8 @@ def attack_over_time(
         state: For "sequential": the file of the sequence, from which the rule's prices are taken, but no decision.
 
     Raises:
-        InputError: The rule is unknown, or the file is not given, missing, damaged, in use, or of another model or budget.
+        InputError: The rule is unknown, dates of rows go back, or the file is not given, missing, damaged, in use, or of
+            another model or budget.
 
     Cost: one decision for each of about 500 beliefs, and one filter step per row.
 
@@ -117,6 +124,7 @@ def attack_over_time(
         [0.8, 0.3]
     """
     model = attack.model
+    validation.time_order(attack.index, "decisions")
     chain = chain_of(model.world)
     known = _mechanism(model, chain, rule, None if budget is None else as_budget(budget), state)
     # For the sequential rule the chain is its own; for others the chain rules out no move.

@@ -70,8 +70,8 @@ def short_searches() -> Iterator[None]:
     """The paper's local search takes few steps; for tests that judge how its results are kept, not how good they are."""
     minimize = local_search.minimize
 
-    def short(*given: Any, options: dict[str, Any], **more: Any) -> Any:
-        return minimize(*given, options=options | {"maxiter": 8}, **more)
+    def short(*given: Any, **more: Any) -> Any:
+        return minimize(*given, options={"maxiter": 8}, **more)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(local_search, "minimize", short)

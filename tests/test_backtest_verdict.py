@@ -195,7 +195,7 @@ def test_an_aware_observer_with_another_law_or_a_coarse_grid_judges_nothing(movi
     good = shifted(moving, {"error_without": expected, **HIDDEN}, ODM=read)
     assert "from both observers" in verdict(good)[0]
     law = shifted(moving, {"error_without": 1.6 * expected, **HIDDEN}, ODM=read)
-    grid = shifted(moving, {"error_without": expected, **HIDDEN}, ODM={**read, "error_followed": 0.06 * expected})
+    grid = shifted(moving, {"error_without": expected, **HIDDEN}, ODM={**read, "error_followed": 0.11 * expected})
     for poor, said in ((law, "these beliefs follow another"), (grid, "errs more than the naive one (")):
         assert "from the naive observer alone" in verdict(poor)[0]
         assert any("cannot be judged, as its estimates are poor here" in line for line in verdict(poor))

@@ -191,6 +191,8 @@ def test_revised_returns_are_named(small, tmp_path: Path) -> None:
         assert "the returns to 2024-01-31 are not those of the last decision" in found.summary()
     assert protect_step(model, BELIEF, copy, publish=True, periods=revised).revised == "2024-01-31"
     assert protect_step(model, BELIEF, copy, periods=revised).revised is None
+    with pytest.raises(InputError, match="dates as its index"):
+        protect_step(model, BELIEF, copy, periods=revised.reset_index(drop=True))
 
 
 def test_a_decision_without_a_date_says_so_and_a_missing_folder_is_refused(small, tmp_path: Path) -> None:

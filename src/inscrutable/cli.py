@@ -54,8 +54,6 @@ if TYPE_CHECKING:
     from inscrutable.experiments.protect import Protection
 
 FAILURE, USAGE, INTERRUPTED = 1, 2, 130
-_MOST_RISKLESS = 0.05
-"""Riskless returns of a row above this are percentages, not fractions."""
 
 app = App(
     name="inscrutable",
@@ -315,12 +313,13 @@ def _first(*values: float | None) -> float:
 
 def _riskless(path: Path) -> pd.Series:
     from inscrutable.datasets import read_signals
+    from inscrutable.datasets.suspicious import MOST_RISKLESS
 
     table = read_signals(path)
     if table.shape[1] != 1:
         raise UsageError(f"--riskless {path}: it has {table.shape[1]} columns of numbers, expected one")
     rates = table.iloc[:, 0]
-    if (rates.abs() > _MOST_RISKLESS).any():
+    if (rates.abs() > MOST_RISKLESS).any():
         raise InputError(
             f"{path}: a riskless return of {rates.abs().max():g} on {rates.abs().idxmax():%Y-%m-%d}; expected fractions per "
             "row, 0.003 for 0.3 per cent: divide percentages by 100"

@@ -132,9 +132,10 @@ def _wide(
     size = len(known.assets)
     values, halves = np.zeros((len(table.rows), size)), np.zeros((len(table.rows), size))
     cash = np.zeros(len(table.rows))
+    kinds: set[bool] = set()
     for row in range(len(table.rows)):
         cells = [_cell(table, row, first + k) for k in range(len(places))]
-        _same_unit(table, row, cells)
+        _same_unit(table, row, cells, kinds)
         for place, cell in zip(places, cells, strict=True):
             if place is None:
                 cash[row] += cell.value
@@ -174,13 +175,12 @@ def _long(
     index, where = _portfolios(table) if header[0] == "date" else (pd.RangeIndex(1, name="row"), [0] * len(table.rows))
     size = len(known.assets)
     values, halves, cash = np.zeros((len(index), size)), np.zeros((len(index), size)), np.zeros(len(index))
-    seen: list[_Cell] = []
+    kinds: set[bool] = set()
     for row, cells in enumerate(table.rows):
         place = known.place(cells[ticker], table.place(row, ticker))
         if value is not None:
             cell = _cell(table, row, value)
-            seen.append(cell)
-            _same_unit(table, row, seen)
+            _same_unit(table, row, [cell], kinds)
         else:
             assert shares is not None
             assert price is not None
@@ -224,8 +224,9 @@ def _cell(table: TextTable, row: int, column: int) -> _Cell:
     return _Cell(value, 0.5 * 10.0**-digits if value else 0.0, bool(found["percent"].strip()))
 
 
-def _same_unit(table: TextTable, row: int, cells: Sequence[_Cell]) -> None:
-    kinds = {cell.is_percent for cell in cells if cell.value}
+def _same_unit(table: TextTable, row: int, cells: Sequence[_Cell], kinds: set[bool]) -> None:
+    """Raise `InputError` where a row has or lacks per cent signs, unlike itself or the rows before: `kinds` is of these."""
+    kinds |= {cell.is_percent for cell in cells if cell.value}
     if len(kinds) > 1:
         raise InputError(f"{table.path}, line {table.lines[row]}: some amounts have a per cent sign and some have none")
 

@@ -26,8 +26,8 @@ _RATIOS = (2.0, 3.0, 4.0, 5.0, 10.0)
 _AROUND = 24
 """Number of rows for the local scale around a row."""
 
-_NEVER_SO_SURE = 0.05
-"""Median return above which a column that never falls, such as cash, is taken for percentages."""
+MOST_RISKLESS = 0.05
+"""Riskless returns of a row above this are percentages, not fractions; so are those of a column that never falls."""
 
 _MAD = 1.4826  # makes the median absolute deviation a standard deviation for normal data
 _MEDIAN_OF_T = 0.7649  # the median of |T|
@@ -62,7 +62,7 @@ def suspicious_entries(returns: pd.DataFrame) -> tuple[str, ...]:
     for column in range(values.shape[1]):
         found += _repeats(returns, column)
         usual = float(np.median(values[:, column]))
-        if len(values) >= _AROUND and values[:, column].min() >= 0.0 and usual > _NEVER_SO_SURE:
+        if len(values) >= _AROUND and values[:, column].min() >= 0.0 and usual > MOST_RISKLESS:
             found.append(
                 f"{label_text(returns.columns[column])}: it never falls and rises by {usual:.0%} a row, as percentages do"
             )

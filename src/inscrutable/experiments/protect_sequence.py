@@ -257,7 +257,7 @@ def protect_step(
     problem, path = model.problem, Path(state)
     held = validation.one_belief(belief, problem.n_states, names=model.regimes)
     source = np.random.default_rng() if rng is None else validation.generator(rng)
-    dates = [f"{date:%Y-%m-%d}" for date in periods.index] if isinstance(periods, pd.DataFrame) else list(periods)
+    dates = _dates_of(periods)
     _check_periods(dates)
     if not path.parent.exists():  # before the minute of a calibration; a mistyped path begins no other sequence
         raise InputError(f"the folder of {path} does not exist: make it, or correct the path")
@@ -286,6 +286,14 @@ def sequence_budget(model: InvestorModel, prior: Prior, path: Path) -> Budget:
     if path.exists():
         return Budget.regret(SequenceState.load(path).problem.limit)
     return SilenceShare(SHARE_OF_SILENCE).of(silence_regret(model.problem, prior.beliefs, prior.weights))
+
+
+def _dates_of(periods: Sequence[str] | pd.DataFrame) -> list[str]:
+    if not isinstance(periods, pd.DataFrame):
+        return list(periods)
+    if not isinstance(periods.index, pd.DatetimeIndex):
+        raise InputError("periods must be dates, or a table with dates as its index")
+    return [f"{date:%Y-%m-%d}" for date in periods.index]
 
 
 def _check_periods(periods: Sequence[str]) -> None:

@@ -47,10 +47,10 @@ def answer(result: Backtest) -> str:
         return ""
     asked = _asked(result)
     groups: dict[str, list[str]] = {}
+    unsure, _ = _poor_estimates(result)
     for name in hiding:
         naive, aware = (asked.is_met(seen.reached(name, figures[name])) for seen in _SEEN.values())
-        aware = aware and name not in _unjudged(result)
-        groups.setdefault(_WHOM[naive, aware], []).append(name)
+        groups.setdefault(_WHOM[naive, aware and name not in unsure], []).append(name)
     unit, worth = f" basis points of risk-adjusted return a {result.market.frequency.word}", _worth(result)
     if worth > 0.0:
         unit += f", of {_basis_points(worth)} that the belief is worth"
@@ -204,7 +204,7 @@ def verdict(result: Backtest) -> list[str]:
         }
         for who, seen in _SEEN.items():
             # What even a poor observer reads is not hidden from a better one.
-            unsure = _unjudged(result) if who == "aware" else set()
+            unsure = _poor_estimates(result)[0] if who == "aware" else set()
             poor = [name for name in hiding if name in unsure and asked.is_met(seen.reached(name, figures[name]))]
             told = asked.judge([seen.reached(full_name(name), figures[name]) for name in hiding if name not in poor])
             if poor:
@@ -317,7 +317,7 @@ def _other_draws(result: Backtest) -> list[str]:
     if result.aware is None or result.sequential is None or not result.sequential.others:
         return []
     asked, beliefs, others = _asked(result), result.beliefs.to_numpy(), result.sequential.others
-    if "aware" in nothing_to_hide(result):
+    if "aware" in nothing_to_hide(result) or SEQUENTIAL in _poor_estimates(result)[0]:
         return []
     held = sum(asked.is_met(Reached(SEQUENTIAL, *estimate_quality(each, beliefs))) for each in others)
     if held == len(others):
@@ -341,7 +341,7 @@ def cautions(result: Backtest) -> list[str]:
         ]
     if hiding and _few_others(result) and len(nothing) < len(_SEEN):
         said.append(f"Few {result.market.frequency.word}s tell whether the regime is hidden: {_few_others(result)}.")
-    said += _poor_estimates(result)
+    said += filter(None, [_poor_estimates(result)[1]])
     for name in filter(lambda each: _informs(result, each), hiding):
         errors = (f"{figures[each]['error_followed']:.2f}" for each in (name, odm))
         said.append(
@@ -364,50 +364,32 @@ def _informs(result: Backtest, name: str) -> bool:
     return bool(reached < unprotected - _CLEARLY * result.figures[name]["error_without"])
 
 
-def _coarse(result: Backtest) -> dict[str, str]:
-    """Return the errors of the aware and the naive observer where the first, who knows more, errs more: by decision maker."""
-    figures = result.figures
-    spare = _COARSE * figures[result.names[0]]["error_without"]
-    return {
-        name: f"{each['error_followed']:.2f} instead of {each['error_face_value']:.2f} under {name}"
-        for name, each in figures.items()
-        if name != SEQUENTIAL and each["error_followed"] > each["error_face_value"] + spare
-    }
+def _poor_estimates(result: Backtest) -> tuple[set[str], str]:
+    """Return the rules of which the aware observer's estimates are poorer than they can be, and why; empty for none.
 
-
-def _errors_without(result: Backtest) -> tuple[float, float]:
-    """Return the aware observer's error without weights, and the one that its law expects."""
-    assert result.aware is not None
-    return result.figures[result.names[0]]["error_without"], result.aware.prior.error
-
-
-def _unjudged(result: Backtest) -> set[str]:
-    """Return the rules of which the aware observer's estimates are poor: it has another law, or too coarse a grid."""
+    It has another law of the belief, or errs more than the naive observer, who knows less.
+    """
     if result.aware is None:
-        return set()
-    here, there = _errors_without(result)
+        return set(), ""
+    figures = result.figures
+    here, there = figures[result.names[0]]["error_without"], result.aware.prior.error
     if here > _ANOTHER_LAW * there:
-        return set(result.names)
-    # The sequential rule's own grid is that of its observer.
-    return set(result.names) - {SEQUENTIAL} if _coarse(result) else set()
-
-
-def _poor_estimates(result: Backtest) -> list[str]:
-    """Return the reasons why rules are not judged against the aware observer."""
-    if not _unjudged(result):
-        return []
-    said, coarse, (here, there) = [], _coarse(result), _errors_without(result)
-    if here > _ANOTHER_LAW * there:
-        said.append(
+        return set(result.names), (
             "The aware observer expects the belief's long-run law in the fitted regimes, and these beliefs follow another: "
             f"without weights it errs by {here:.2f} instead of {there:.2f}. One who knows their law may read them."
         )
-    if coarse:
-        said.append(
-            f"The aware observer errs more than the naive one ({', '.join(coarse.values())}), though it knows more: where many "
-            "beliefs explain a decision, its grid is too coarse to tell how likely each is. A better one reads more than this."
-        )
-    return said
+    others = {name: each for name, each in figures.items() if name != SEQUENTIAL}  # whose grid is that of its observer
+    coarse = [
+        f"{each['error_followed']:.2f} instead of {each['error_face_value']:.2f} under {name}"
+        for name, each in others.items()
+        if each["error_followed"] > each["error_face_value"] + _COARSE * here
+    ]
+    if not coarse:
+        return set(), ""
+    return set(others), (
+        f"The aware observer errs more than the naive one ({', '.join(coarse)}), though it knows more: where many beliefs "
+        "explain a decision, its grid is too coarse to tell how likely each is. A better one reads more than this."
+    )
 
 
 def _few_others(result: Backtest) -> str:

@@ -207,6 +207,17 @@ def test_page_is_small_and_stays_so(page: Path) -> None:
     assert page.stat().st_size + 330 / len(data["dates"]) * per_step < 6 * MEGABYTE
 
 
+def test_no_published_single_decision_lies_above_its_curve(page: Path) -> None:
+    data = data_of(page)
+    published = data["played"]["CDM"][data["own"]]
+    for curves, (atoms, *_) in zip(data["frontiers"], published, strict=True):
+        _, _, regret, privacy = atoms[0]
+        steps = np.array(curves["single"])
+        assert (np.diff(steps[:, 0]) >= 0.0).all()
+        assert (np.diff(steps[:, 1]) >= 0.0).all()
+        assert privacy is None or privacy <= steps[steps[:, 0] <= regret, 1].max() + 1e-9
+
+
 def test_same_result_gives_the_same_bytes(found: Backtest, page: Path, tmp_path: Path) -> None:
     assert write_page(found, tmp_path / "again.html").read_bytes() == page.read_bytes()
 

@@ -129,11 +129,20 @@ def page_data(sweep: BudgetSweep, played: Mapping[str, list[tuple[PlayedAt, ...]
         },
         "sets": sets.corners,
         "frontiers": [
-            _curves(front, float(scale[t]), float(sweep.amounts[-1])) for t, front in enumerate(sweep.frontiers)
+            _curves(front, float(scale[t]), float(sweep.amounts[-1]), single)
+            for t, (front, single) in enumerate(zip(sweep.frontiers, _published_singles(sweep), strict=True))
         ],
         "followed": _followed(sweep),
         "weights": _published_weights(sweep),
     }
+
+
+def _published_singles(sweep: BudgetSweep) -> Array:
+    """Regret and privacy of the CDM's decision at each step, shape (T,2); NaN where it has none."""
+    if "CDM" not in sweep.names:
+        return np.full((len(sweep.steps), 2), np.nan)
+    decisions = sweep.result.episode.records["CDM"].decisions
+    return np.column_stack([np.asarray(decisions.regret), sweep.result.privacy("CDM")])[sweep.steps]
 
 
 def _published_weights(sweep: BudgetSweep) -> dict[str, Any]:
@@ -215,8 +224,11 @@ def _rounded(value: float) -> float:
     return round(value, _DIGITS) if np.isfinite(value) else value
 
 
-def _curves(front: Frontier, scale: float, most: float) -> dict[str, Any]:
-    """Return both curves up to the largest budget, in the budget's unit: steps for single decisions, corners for lotteries."""
+def _curves(front: Frontier, scale: float, most: float, published: Array) -> dict[str, Any]:
+    """Return both curves up to the largest budget, in the budget's unit: steps for single decisions, corners for lotteries.
+
+    The published decision (regret, privacy) is better than the candidates of its budget and is a step too.
+    """
     if not scale > 0:
         return {"single": [], "mixed": []}
     single = front.points / [scale, 1.0]
@@ -225,6 +237,10 @@ def _curves(front: Frontier, scale: float, most: float) -> dict[str, Any]:
         # The last point of each cell; cells are finest at small budgets.
         cell = np.floor(np.sqrt(single[:, 0] / most) * _CURVE_POINTS)
         single = single[np.append(cell[1:] > cell[:-1], True)]
+    if np.isfinite(published).all():
+        single = np.vstack([single, published / [scale, 1.0]])
+        single = single[np.argsort(single[:, 0], kind="stable")]
+        single = single[np.append(True, single[1:, 1] > np.maximum.accumulate(single[:, 1])[:-1])]
     corners = front.corners / [scale, 1.0]
     corners = corners[np.isfinite(corners[:, 1])]
     mixed = corners[corners[:, 0] <= most]

@@ -19,12 +19,13 @@ from inscrutable import (
     NonExistence,
     consistent_beliefs,
     filter_beliefs,
-    mechanism,
     simplex_grid,
 )
 from inscrutable.datasets import load_industry_returns, read_beliefs, read_weights
 from inscrutable.decision_makers import privacy_frontier
 from inscrutable.experiments.backtest import RESTARTS, Backtest, BacktestSettings, run_backtest
+from inscrutable.experiments.backtest_aware import resolution_for, rivals_chain
+from inscrutable.experiments.cell_mechanism import N_NEAREST, cell_beliefs
 from inscrutable.experiments.episodes import Record, relative_increase
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.reports.backtest import table_of, text_of, timing_of, write_backtest
@@ -224,22 +225,25 @@ def test_another_seed_draws_others(found: Backtest) -> None:
 
 
 def test_the_rival_who_knows_the_method_by_loops(found: Backtest) -> None:
-    """Bayes' rule over the grid for the played decision nearest to each published one."""
+    """Bayes' rule for decisions near each published one, of beliefs of a path that are rounded to points of the grid."""
     assert found.aware is not None
     prior = found.aware.prior
     maker = CounterAdversarialDecisionMaker(
         found.problem, found.settings.measure, found.budget, candidates=found.candidates
     )
-    played = mechanism(maker, prior.beliefs)
-    table = np.asarray(played.probabilities)
+    rng = np.random.default_rng(np.random.SeedSequence(found.settings.seed).spawn(4)[3])
+    rivals_chain(found.world, resolution_for(2), None, rng=rng)
+    cells = cell_beliefs(prior, found.world, resolution_for(2), rng=rng)
+    actions = np.concatenate([maker.decide_many(each).action for each in cells])
+    shares = np.concatenate([prior.weights] * len(cells)) / len(cells)
     squared = []
     for action, belief, read in zip(
         found.weights("CDM").to_numpy(), found.beliefs.to_numpy(), found.aware.estimates["CDM"], strict=True
     ):
-        ever = prior.weights @ table > 0
-        apart = np.where(ever, ((played.actions - action) ** 2).sum(axis=1), np.inf)
-        joint = prior.weights * table[:, apart.argmin()]
-        guess = joint @ prior.beliefs / joint.sum()
+        apart = np.linalg.norm(actions - action, axis=1)
+        others = sorted(apart[np.unique(actions.round(10), axis=0, return_index=True)[1]])
+        near = apart <= max(others[N_NEAREST - 1] + 1e-12, 1e-10) if others[0] > 1e-10 else apart <= 1e-10
+        guess = shares[near] @ np.vstack([prior.beliefs] * len(cells))[near] / shares[near].sum()
         np.testing.assert_allclose(read, guess, atol=1e-9)
         squared.append(((guess - belief) ** 2).sum())
     figures = found.figures["CDM"]

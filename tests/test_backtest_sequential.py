@@ -16,6 +16,7 @@ from inscrutable.adversaries import SequentialAdversary
 from inscrutable.experiments import backtest_sequential
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
 from inscrutable.experiments.backtest_aware import doubted, resolution_for
+from inscrutable.experiments.cell_mechanism import N_NEAREST, cell_beliefs, cell_mechanism
 from inscrutable.experiments.rivals import RIVAL, loss_of
 from inscrutable.geometry.grids import simplex_grid
 from inscrutable.mechanisms import mechanism
@@ -98,21 +99,25 @@ def test_the_rival_who_follows_it_holds_the_law_that_it_keeps(found: Backtest) -
 
 
 def test_the_rival_who_follows_another_by_loops(found: Backtest) -> None:
-    """Bayes' rule with the nearest decision that a belief still possible plays, one step after the other."""
-    seeds = np.random.SeedSequence(found.settings.seed).spawn(4)
-    chain = doubted(predicted_chain(found.world, resolution_for(2), rng=np.random.default_rng(seeds[3])))
+    """Bayes' rule with decisions near each one, one step after the other."""
+    rng = np.random.default_rng(np.random.SeedSequence(found.settings.seed).spawn(4)[3])
+    chain = doubted(predicted_chain(found.world, resolution_for(2), rng=rng))
     maker = CounterAdversarialDecisionMaker(
         found.problem, found.settings.measure, found.budget, candidates=found.candidates
     )
-    played = mechanism(maker, chain.prior.beliefs)
+    known = cell_mechanism(maker, chain.prior, cell_beliefs(chain.prior, found.world, resolution_for(2), rng=rng))
+    first, own = np.unique(known.actions.round(10), axis=0, return_inverse=True)
+    near, played = np.zeros((len(chain.prior), len(first))), mechanism(maker, chain.prior.beliefs)
+    for column, row in zip(own.reshape(-1), known.sparse.toarray().T, strict=True):
+        near[:, column] += row
     table, moves = np.asarray(played.sparse.toarray()), chain.transition.toarray()
     law, told, read = chain.prior.weights, [], []
     for action in found.weights("CDM").to_numpy():
         chances = law @ table
-        apart = np.where(chances > 0, ((played.actions - action) ** 2).sum(axis=1), np.inf)
         ratios = np.divide(table, chances, out=np.ones_like(table), where=(table > 0) & (chances > 0))
         told.append((law[:, None] * table * np.log2(ratios)).sum())
-        law = law * table[:, apart.argmin()]
+        apart = np.linalg.norm(first - action, axis=1)
+        law = law * near[:, np.argsort(apart)[: 1 if apart.min() < 1e-9 else N_NEAREST]].sum(axis=1)
         law = law / law.sum()
         read.append(law @ chain.prior.beliefs)
         law = law @ moves

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from inscrutable import (
     BayesianAdversary,
@@ -119,6 +120,32 @@ def test_the_nearest_played_decision_on_request():
     exact = observer.infer([1e-13, 0.0])
     assert (exact.status, exact.distance) == (PosteriorStatus.PLAYED, 0)
     assert exact.mean == pytest.approx([2 / 3, 1 / 3])
+
+
+@settings(max_examples=60)
+@given(drawn(), st.integers(1, 6), st.randoms(use_true_random=False))
+def test_several_near_decisions_add_up(case, count, luck):
+    """By loops: the likelihoods of the nearest decisions of positive probability."""
+    observer = BayesianAdversary(case.mechanism, case.prior)
+    actions = np.asarray(case.mechanism.actions, dtype=float)
+    stray = actions[0] + np.array([luck.uniform(0.1, 0.4) for _ in range(actions[0].size)]).reshape(actions[0].shape)
+    found = observer.infer(stray, nearest=count)
+    weights, table = case.prior.weights.tolist(), case.mechanism.observed
+    table = table.tolist() if isinstance(table, np.ndarray) else table.toarray().tolist()
+    often = oracle.marginal(oracle.joint(weights, table))
+    apart = sorted((float(np.linalg.norm(actions[m] - stray)), m) for m in range(len(actions)) if often[m] > 0)
+    if apart[0][0] < 1e-9 or (len(apart) > count and apart[count][0] - apart[count - 1][0] < 1e-9):
+        return  # played, or two decisions are as near
+    joint = [w * sum(row[m] for _, m in apart[:count]) for w, row in zip(weights, table, strict=True)]
+    law = np.array(joint) / sum(joint)
+    assert found.status is PosteriorStatus.NEAREST_PLAYED
+    assert found.distance == pytest.approx(apart[0][0])
+    assert found.probability == pytest.approx(sum(joint), abs=1e-14)
+    assert found.weights == pytest.approx(law, abs=1e-12)
+    assert found.mean == pytest.approx(law @ case.mechanism.beliefs, abs=1e-12)
+    assert observer.estimate(stray, nearest=count) == pytest.approx(found.mean, abs=1e-12)
+    with pytest.raises(InputError, match="nearest"):
+        observer.estimate(stray, nearest=-1)
 
 
 def test_estimates_are_the_means_of_posteriors():

@@ -324,6 +324,32 @@ def test_a_decision_never_played_is_a_status() -> None:
         assert "never plays it" in found.summary()
 
 
+@pytest.mark.parametrize("n_particles", [0, 200])
+def test_near_decisions_are_read_as_one(n_particles: int) -> None:
+    """As under the mechanism in which they are one decision."""
+    rng = np.random.default_rng(4)
+    world = random_world(rng)
+    beliefs = reachable_beliefs(world, 4)
+    plays = random_mechanism(rng, beliefs, 6, mixed=True)
+    stray = np.array([0.3, -0.2])
+    near = np.argsort(np.linalg.norm(plays.actions - stray, axis=1))
+    shares = np.column_stack([plays.probabilities[:, near[:3]].sum(axis=1), plays.probabilities[:, near[3:]]])
+    joined = Mechanism(beliefs, np.vstack([stray, plays.actions[near[3:]]]), shares, np.zeros_like(shares))
+    seen = np.array([plays.actions[near[4]], stray, plays.actions[near[5]], stray])
+    for smooth in (False, True):
+        pair = []
+        for known in (plays, joined):
+            drawn = {"n_particles": n_particles, "rng": np.random.default_rng(5)} if n_particles else {}
+            observer = SequentialAdversary(world, known, **drawn)
+            pair.append((observer.smooth if smooth else observer.filter)(seen, nearest=3))
+        np.testing.assert_allclose(pair[0].weights, pair[1].weights, atol=EXACT)
+        assert pair[0].log_likelihood == pytest.approx(pair[1].log_likelihood, abs=1e-10)
+        assert pair[0].statuses[1] == SequenceStatus.NEAREST
+        assert pair[1].statuses[1] == SequenceStatus.USED
+    with pytest.raises(InputError, match="nearest"):
+        SequentialAdversary(world, plays).filter(seen, nearest=-1)
+
+
 def test_a_decision_that_contradicts_the_history_is_passed_over() -> None:
     world = HiddenMarkovModel(np.eye(2), CategoricalEmission(np.eye(2)), [0.5, 0.5])
     beliefs = reachable_beliefs(world, 2)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from inscrutable import tolerances, validation
+from inscrutable.adversaries.decision_tables import nearest_count
 from inscrutable.axes import Axis, ordered
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Disclosure, Mechanism, Prior
@@ -36,7 +37,7 @@ class PosteriorStatus(Enum):
         "never played under any belief the prior holds possible, so Bayes' rule says nothing: "
         "check the mechanism and the decision's digits, or ask for the nearest played decision with nearest=True"
     )
-    NEAREST_PLAYED = "never played: read as the nearest decision that is; see `distance` before trusting it"
+    NEAREST_PLAYED = "never played: read as the nearest decisions that are; see `distance` before trusting it"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,7 +51,7 @@ class Posterior(Summarised, Saved):
         mean: E[π|u] = Σ p(π_b|u) π_b, shape (X,); NaN where the decision is never played.
         beliefs: π_b, shape (B,X), the mechanism's.
         status: Whether the mechanism plays the decision, and if not, what the numbers mean.
-        probability: p(u), the probability of the decision under the prior; 0 where it is never played.
+        probability: p(u), the probability under the prior of the decision, or of those that it is read as; 0 where unknown.
         distance: Euclidean distance from the decision to the nearest played one, in the decision's unit; 0 for a played one.
 
     Source: Bayes' rule; the paper's outlook in Section V.
@@ -174,15 +175,16 @@ class BayesianAdversary:
     def _columns(self) -> Any:
         return self._joint.table.tocsc()
 
-    def infer(self, action: ArrayLike, *, nearest: bool = False) -> Posterior:
+    def infer(self, action: ArrayLike, *, nearest: int = 0) -> Posterior:
         """Return the posterior after one decision.
 
         Args:
             action: u, shape (U,), in the decision's unit; a whole number where decisions are finite choices.
-            nearest: Whether a decision that is never played is read as the nearest one that is.
+            nearest: k: a decision that is never played is read as one of the k nearest that are, p(π_b|u) ∝ w_b Σ_k K(u_k|π_b);
+                0: its posterior is unknown; True: k = 1.
 
         Raises:
-            InputError: The decision has the wrong length or is not finite.
+            InputError: The decision has the wrong length or is not finite; or `nearest` is negative.
         """
         given = np.asarray(ordered(action, "action", None))
         wanted = np.asarray(self._seen.actions).ndim - 1
@@ -190,41 +192,46 @@ class BayesianAdversary:
             raise InputError(f"action must be one decision of rank {wanted}, got shape {given.shape}")
         return self.infer_many(given[None], nearest=nearest)[0]
 
-    def infer_many(self, actions: ArrayLike, *, nearest: bool = False) -> tuple[Posterior, ...]:
+    def infer_many(self, actions: ArrayLike, *, nearest: int = 0) -> tuple[Posterior, ...]:
         """Return the posterior after each of many decisions (M,U), each seen alone; as `infer`."""
-        places, status, distances = self._read(actions, nearest)
-        return tuple(self._posterior(*each) for each in zip(places, status, distances, strict=True))
+        return tuple(self._posterior(*each) for each in zip(*self._read(actions, nearest), strict=True))
 
-    def estimate(self, action: ArrayLike, *, nearest: bool = False) -> Array:
+    def estimate(self, action: ArrayLike, *, nearest: int = 0) -> Array:
         """Return the posterior mean after one decision, shape (X,); NaN for one never played, unless `nearest`."""
         return self.infer(action, nearest=nearest).mean
 
-    def estimates(self, actions: ArrayLike, *, nearest: bool = False) -> Array:
+    def estimates(self, actions: ArrayLike, *, nearest: int = 0) -> Array:
         """Return the posterior means after many decisions (M,U), shape (M,X); NaN for those never played."""
         places, status, _ = self._read(actions, nearest)
-        found = self._joint.means[places]
+        found = np.array([self._mean(each) for each in places])
         found[[each is PosteriorStatus.NEVER_PLAYED for each in status]] = np.nan
         return np.asarray(found)
 
-    def _read(self, actions: ArrayLike, nearest: bool) -> tuple[np.ndarray, list[PosteriorStatus], Array]:
-        """Return the number of the nearest played decision to each action, its status, and its distance."""
+    def _read(self, actions: ArrayLike, nearest: int) -> tuple[list[np.ndarray], list[PosteriorStatus], Array]:
+        """Return the numbers of the played decisions that each action is read as, its status, and its distance."""
+        count = nearest_count(nearest)
         rank = np.asarray(self._seen.actions).ndim
         given = validation.finite_array(actions, "actions", ndim=rank, axes=(None, Axis("asset"))[:rank])
         points = given if given.ndim == 2 else given[:, None]
         if points.shape[1] != self._points.shape[1]:
             raise InputError(f"action has {points.shape[1]} coordinates, expected {self._points.shape[1]}")
         apart, exact = self._tree.query(points, p=np.inf)
-        distances, place = self._tree.query(points)
+        distances, near = self._tree.query(points, k=range(1, 1 + min(max(count, 1), len(self._played))))
         same = apart <= tolerances.SAME_ACTION
-        otherwise = PosteriorStatus.NEAREST_PLAYED if nearest else PosteriorStatus.NEVER_PLAYED
+        otherwise = PosteriorStatus.NEAREST_PLAYED if count else PosteriorStatus.NEVER_PLAYED
         status = [PosteriorStatus.PLAYED if each else otherwise for each in same]
-        return self._played[np.where(same, exact, place)], status, np.where(same, 0.0, distances)
+        places = [self._played[[exact[i]] if same[i] else near[i]] for i in range(len(points))]
+        return places, status, np.where(same, 0.0, distances[:, 0])
 
-    def _posterior(self, place: int, status: PosteriorStatus, distance: float) -> Posterior:
+    def _mean(self, places: np.ndarray) -> Array:
+        """Return E[π | one of these decisions], (X,)."""
+        return np.asarray(np.average(self._joint.means[places], axis=0, weights=self._joint.played[places]))
+
+    def _posterior(self, places: np.ndarray, status: PosteriorStatus, distance: float) -> Posterior:
         beliefs = self._joint.beliefs
         if status is PosteriorStatus.NEVER_PLAYED:
             unknown = np.full(len(beliefs), np.nan), np.full(beliefs.shape[1], np.nan)
             return Posterior(*unknown, beliefs, status, 0.0, float(distance))
-        column = self._columns[:, [int(place)]].toarray().reshape(-1)
-        total = float(self._joint.played[place])
-        return Posterior(column / total, self._joint.means[place], beliefs, status, total, float(distance))
+        column = self._columns[:, places].toarray().sum(axis=1)
+        total = float(self._joint.played[places].sum())
+        return Posterior(column / total, self._mean(places), beliefs, status, total, float(distance))

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from inscrutable import tolerances
+from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.drawing import RowDraws
@@ -18,6 +18,11 @@ from inscrutable.validation import Array
 
 UNSEEN, NEVER_PLAYED = -1, -2
 """Numbers of a decision that was not observed, and of one that is never played."""
+
+
+def nearest_count(nearest: int) -> int:
+    """Return the number of decisions as which one that is never played is read; True is 1."""
+    return validation.count(int(nearest) if isinstance(nearest, bool) else nearest, "nearest", least=0)
 
 
 class Entries(NamedTuple):
@@ -31,6 +36,8 @@ class Entries(NamedTuple):
 
 class DecisionTables:
     """The decisions of a mechanism: their numbers and their likelihoods.
+
+    Some decisions that are not told apart have a number as well, and the sum of their likelihoods.
 
     Attributes:
         mechanism: The mechanism.
@@ -50,6 +57,7 @@ class DecisionTables:
         self._rows = sparse.csr_array((np.tile(held.data, 2), (rows, places)), shape=shape)
         self._rows.sum_duplicates()
         self._n_actions = n_actions
+        self._groups: dict[tuple[int, ...], int] = {}  # the number of decisions that are not told apart
         self.played = np.unique(action[held.data > 0])
         points = np.asarray(mechanism.actions, dtype=np.float64).reshape(n_actions, -1)
         self._tree = cKDTree(points[self.played])
@@ -60,11 +68,11 @@ class DecisionTables:
         return RowDraws(self.mechanism.observed)
 
     def action(self, column: int) -> Any:
-        """Return a decision by its number; None for a decision that was not observed or is never played."""
-        return None if column < 0 else self.mechanism.actions[column]
+        """Return a decision by its number, of several the nearest; None for one that was not observed or is never played."""
+        return None if column < 0 else self.mechanism.actions[self._members(column)[0]]
 
-    def column(self, point: Array, nearest: bool) -> tuple[int, bool]:
-        """Return the number of a decision (U,), and whether it was replaced by the nearest played one; NaN: not observed."""
+    def column(self, point: Array, nearest: int) -> tuple[int, bool]:
+        """Return the number of a decision (U,), and whether it was replaced by the `nearest` played ones; NaN: not observed."""
         if np.isnan(point[0]):
             return UNSEEN, False
         if len(point) != self._tree.m:
@@ -72,14 +80,29 @@ class DecisionTables:
         gap, place = self._tree.query(point, p=np.inf)
         if gap <= tolerances.SAME_ACTION:
             return int(self.played[place]), False
-        return (int(self.played[self._tree.query(point)[1]]), True) if nearest else (NEVER_PLAYED, False)
+        if not nearest:
+            return NEVER_PLAYED, False
+        places = np.atleast_1d(self._tree.query(point, k=min(nearest, len(self.played)))[1])
+        return int(self.played[places[0]]) if len(places) == 1 else self._group(self.played[places]), True
 
     def entries(self, columns: np.ndarray, memories: np.ndarray) -> Entries:
         """Return the likelihoods given decisions (C,), where the memories before them are (C,)."""
-        numbers = np.where(columns >= 0, columns, self._n_actions - 1 - columns)
-        found: Any = self._rows[numbers * self.n_memories + memories]
+        of, numbers = np.arange(len(columns)), np.where(columns >= 0, columns, self._n_actions - 1 - columns)
+        if columns.max() >= self._n_actions:  # the entries of decisions that are not told apart add up
+            members = [self._members(int(number)) for number in numbers]
+            of, numbers = np.repeat(of, [len(each) for each in members]), np.concatenate(members)
+        found: Any = self._rows[numbers * self.n_memories + memories[of]]
         belief, after = np.divmod(found.indices, self.n_memories)
-        return Entries(np.repeat(np.arange(len(columns)), np.diff(found.indptr)), belief, after, found.data)
+        return Entries(np.repeat(of, np.diff(found.indptr)), belief, after, found.data)
+
+    def _group(self, members: np.ndarray) -> int:
+        """Return the number of decisions that are not told apart, of which the first is the nearest."""
+        return self._groups.setdefault(tuple(members.tolist()), self._n_actions + 2 + len(self._groups))
+
+    def _members(self, number: int) -> np.ndarray:
+        """Return the decisions that have a number."""
+        group = number - self._n_actions - 2
+        return np.array([number] if group < 0 else list(self._groups)[group])
 
 
 class KnownRule:

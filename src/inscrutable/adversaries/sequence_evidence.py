@@ -31,7 +31,7 @@ class Evidence:
     """
 
     points: Array  # (T,U) decisions, NaN where none was seen
-    nearest: bool  # whether the nearest played decision replaces one that is never played
+    nearest: int  # how many of the nearest played decisions replace one that is never played
     told: np.ndarray | None  # (T+1,) a public memory, before the first decision and after each
     states: Array  # (T,X)
     offsets: Array  # (T,)

@@ -25,7 +25,7 @@ class SequenceStatus(Enum):
     """
 
     USED = "used: some belief that was still possible plays the decision"
-    NEAREST = "used as the nearest decision that the mechanism plays"
+    NEAREST = "used as the nearest decisions that the mechanism plays"
     WIDENED = (
         "used with a tolerance: of the grid's beliefs none that was still possible plays it, so half of the law moves to the "
         "nearest that do; take a finer grid or particles"

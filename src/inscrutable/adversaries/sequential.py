@@ -12,7 +12,7 @@ from inscrutable.adversaries.agent_steps import AgentModel
 from inscrutable.adversaries.belief_moves import moves_of
 from inscrutable.adversaries.belief_particles import BeliefParticles
 from inscrutable.adversaries.belief_points import BeliefPoints
-from inscrutable.adversaries.decision_tables import DecisionTables, KnownRule
+from inscrutable.adversaries.decision_tables import DecisionTables, KnownRule, nearest_count
 from inscrutable.adversaries.inverse_filter import InverseFilter
 from inscrutable.adversaries.sequence_evidence import (
     Evidence,
@@ -158,7 +158,7 @@ class SequentialAdversary:
         observations: Any = None,
         memories: ArrayLike | None = None,
         public: Any = None,
-        nearest: bool = False,
+        nearest: int = 0,
         returns: ArrayLike | None = None,
     ) -> InferredBeliefs:
         """Return the law of each belief given the decisions up to its step.
@@ -171,8 +171,8 @@ class SequentialAdversary:
             memories: The agent's memory before the first decision and after each, T+1 numbers, where it is public.
             public: The T public observations in a world with a public sensor: symbols or real rows, NaN where the observer did
                 not read them.
-            nearest: Whether a decision that the mechanism never plays is replaced by the nearest one that it plays; otherwise
-                it is skipped, with a status.
+            nearest: k: a decision that the mechanism never plays is read as one of the k nearest that it plays, with the sum of
+                their likelihoods; 0: it is skipped, with a status; True: k = 1.
             returns: Returns of the period of each decision, (T,U), where the disclosure uses them.
 
         Raises:
@@ -190,7 +190,7 @@ class SequentialAdversary:
         observations: Any = None,
         memories: ArrayLike | None = None,
         public: Any = None,
-        nearest: bool = False,
+        nearest: int = 0,
         returns: ArrayLike | None = None,
     ) -> InferredBeliefs:
         """Return the law of each belief given all decisions, later ones included; arguments as `filter`.
@@ -210,10 +210,10 @@ class SequentialAdversary:
         points = unseen_points(validation.count(n_steps, "n_steps"))
         beside = _Beside(states, observations, public, None)
         steps = Axis("step", learns=True)
-        return self._run(points, None, steps, beside, nearest=False, smooth=False, tables=None)
+        return self._run(points, None, steps, beside, nearest=0, smooth=False, tables=None)
 
     def _inferred(
-        self, actions: ArrayLike, beside: _Beside, memories: ArrayLike | None, nearest: bool, *, smooth: bool
+        self, actions: ArrayLike, beside: _Beside, memories: ArrayLike | None, nearest: int, *, smooth: bool
     ) -> InferredBeliefs:
         steps = Axis("step", learns=True)
         points = self._shown.decided(decision_points(actions, self._shown.actions, steps))
@@ -228,7 +228,7 @@ class SequentialAdversary:
         steps: Axis,
         beside: _Beside,
         *,
-        nearest: bool,
+        nearest: int,
         smooth: bool,
         tables: list[DecisionTables] | None,
     ) -> InferredBeliefs:
@@ -239,7 +239,7 @@ class SequentialAdversary:
         reported = in_rows(beside.observations, steps)
         seen, offsets = state_evidence(len(points), n_states, self.sensor, known, reported)
         read = public_evidence(self.world, beside.public, len(points), steps)
-        evidence = Evidence(points, nearest, told, seen, offsets, read)
+        evidence = Evidence(points, nearest_count(nearest), told, seen, offsets, read)
         if not (self._rule.is_fixed or evidence.is_all_read):
             raise InputError("public has missing rows, but the rule depends on all public observations: pass them")
         alone = evidence.without_states(has_public=self.agent_world.public is not None)

@@ -11,6 +11,7 @@ from scipy import sparse
 from scipy.special import entr
 
 from inscrutable.adversaries import BayesianAdversary, SequentialAdversary
+from inscrutable.experiments.cell_mechanism import N_NEAREST, cell_beliefs, cell_mechanism
 from inscrutable.experiments.episodes import Episode
 from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Disclosure, Mechanism, Prior, mechanism
@@ -44,8 +45,8 @@ class AwareReading:
 
     Args:
         prior: The long-run law of the belief in the fitted world, on a grid: what the rival holds likely.
-        estimates: Posterior means, shape (T,X), by decision maker. A decision that the mechanism plays under no belief of
-            the grid is read as the nearest one that it plays.
+        estimates: Posterior means, shape (T,X), by decision maker. A decision that the mechanism plays in no cell of the grid
+            is read as one of the `N_NEAREST` nearest that it plays.
         leakages: Leakage of one decision under the prior, by decision maker.
         followed: Posterior means given all decisions so far, shape (T,X), by decision maker.
         bits: Leakage of each decision beyond those before, I(π_t; u_t | u_0..u_{t−1}) under the rival's law, shape (T,).
@@ -124,24 +125,27 @@ def read_knowingly(
     if isinstance(measure, DesiredObfuscation) and follows_steps(measure):
         return None
     disclosure, returns, public = beside
-    reading = rivals_chain(world, resolution_for(world.n_states), public, rng=rng)
+    resolution = resolution_for(world.n_states)
+    reading = rivals_chain(world, resolution, public, rng=rng)
     chain, prior = without_public(reading), reading.prior
+    in_cells = cell_beliefs(prior, world if public is None else public.world, resolution, rng=rng)
     estimates, leakages, followed, bits, disclosed, told = {}, {}, {}, {}, {}, {}
     for name, decision_maker in decision_makers.items():
         played = mechanism(decision_maker, prior.beliefs)
-        actions = episode.records[name].decisions.action
-        estimates[name] = BayesianAdversary(played, prior).estimates(actions, nearest=True)
         leakages[name] = leakage(played, prior, episode.problem)
-        found = SequentialAdversary(chain, played).filter(actions, nearest=True)
+        actions = episode.records[name].decisions.action
+        known = cell_mechanism(decision_maker, prior, in_cells)
+        estimates[name] = BayesianAdversary(known, prior).estimates(actions, nearest=N_NEAREST)
+        found = SequentialAdversary(chain, known).filter(actions, nearest=N_NEAREST)
         followed[name] = found.mean
         if not disclosure.is_exact:
             through = {"returns": returns} if disclosure.needs_returns else {}
-            rival = SequentialAdversary(chain, played, disclosure=disclosure)
-            disclosed[name] = rival.filter(disclosure(actions, **through), nearest=True, **through).mean
+            rival = SequentialAdversary(chain, known, disclosure=disclosure)
+            disclosed[name] = rival.filter(disclosure(actions, **through), nearest=N_NEAREST, **through).mean
         bits[name] = _bits(np.vstack([prior.weights, found.weights[:-1] @ chain.transition]), played)
         if public is not None:
-            rival = SequentialAdversary(reading, played)
-            told[name] = rival.filter(actions, public=public.read, nearest=True).mean
+            rival = SequentialAdversary(reading, known)
+            told[name] = rival.filter(actions, public=public.read, nearest=N_NEAREST).mean
     return AwareReading(prior, estimates, leakages, followed, bits, {}, disclosed, told)
 
 

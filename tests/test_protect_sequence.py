@@ -334,18 +334,19 @@ def test_a_sequence_of_another_model_is_refused(small) -> None:
         attack_over_time(attack, "sequential", state=state)
 
 
-def test_optimal_weights_of_beliefs_of_the_grid_are_read_exactly(small) -> None:
+def test_optimal_weights_are_read_to_the_width_of_a_cell(small) -> None:
+    """Cells are a hundredth wide, and less one step ahead."""
     model, _, _, _ = small
     beliefs = chain_of(model.world).prior.beliefs[[1, 2]]
     published = pd.DataFrame(model.problem.solve(beliefs), columns=list(ASSETS))
     found = attack_over_time(attack_weights(model, published), "optimal")
-    np.testing.assert_allclose(found.inferred.mean, beliefs, atol=1e-9)
+    np.testing.assert_allclose(found.inferred.mean, beliefs, atol=5e-3)
     assert "Caution" not in found.summary()
-    assert "under no belief of the grid" not in found.summary()
+    assert found.n_off == 0
     none = pd.DataFrame([[0.0, 1.0, 0.0], *published.to_numpy()], columns=list(ASSETS))
     said = attack_over_time(attack_weights(model, none), "optimal").summary()
     assert "Caution: 1 of the 3 rows are explained by no belief" in said
-    assert "1 of the 3 rows under no belief of the grid" in said
+    assert "the rule plays nothing near 1 of the 3 rows under any belief" in said
     with pytest.raises(InputError, match="rule must be one of"):
         attack_over_time(found.attack, "silence")
     dated = published.set_axis(pd.to_datetime(["2020-01-31", "2020-02-29"]))

@@ -15,19 +15,19 @@ from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 
 N_NEAREST = 8
-"""Played decisions as one of which the rival reads an observed one, and below the beliefs in each cell. Over 71 random markets
-of 2 to 6 assets and 3 to 5 states the rival's error is on average .57 of that without decisions if it reads the grid's nearest
-decision, .42 with these, and .40 if it knows the decisions of 1,500 to 8,000 beliefs. Eight beliefs in a cell gain little (.37
-for .38 over 36 of the markets)."""
+"""Played decisions as one of which the rival reads an observed one; below, the beliefs of a path in each cell. Over 71 random
+markets of 2 to 6 assets and 3 to 5 states the rival's error is on average .57 of that without decisions if it reads the grid's
+nearest decision, .42 with these, and .40 if it knows the decisions of 1,500 to 8,000 beliefs. Eight beliefs in a cell gain
+little (.37 for .38 over 36 of the markets)."""
 _EACH = 4
 _STEPS = 20_000
 
 
 def cell_beliefs(prior: Prior, world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator) -> Array:
-    """Return predicted beliefs of a simulated path in the cell of each point of `predicted_prior`, shape (n,B,X).
+    """Return beliefs of a simulated path in the cell of each point of a `predicted_prior`, shape (n,B,X).
 
-    The cell of a point consists of the beliefs that are rounded to it. The point stands for itself where the path has none; a
-    belief of the path occurs more than once where there are few.
+    The cell of a point consists of the beliefs that are rounded to it. Where the path has few there, some occur more than once,
+    and where it has none, the point does.
     """
     path = world.sample(_STEPS, rng=rng)
     filtered = filter_beliefs(world, path.observations, public=path.public).beliefs

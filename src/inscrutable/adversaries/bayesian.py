@@ -203,7 +203,7 @@ class BayesianAdversary:
     def estimates(self, actions: ArrayLike, *, nearest: int = 0) -> Array:
         """Return the posterior means after many decisions (M,U), shape (M,X); NaN for those never played."""
         places, status, _ = self._read(actions, nearest)
-        found = np.array([self._mean(each) for each in places])
+        found = np.array([self._mean(each) for each in places]).reshape(len(places), self._joint.means.shape[1])
         found[[each is PosteriorStatus.NEVER_PLAYED for each in status]] = np.nan
         return np.asarray(found)
 

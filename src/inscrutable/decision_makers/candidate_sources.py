@@ -222,12 +222,14 @@ def decoy_grid(problem: DecisionProblem, resolution: int, *, faces: bool = False
 
 def default_decoys(problem: DecisionProblem) -> Candidates:
     """Return the candidates that are used where none are given: about 5,000 decoys, whatever the number of states:
-    a regular grid, filled up to at most 6,250 above six states."""
+    a regular grid, filled up to at most 6,250 above six states; for linear costs also mixtures of tied vertices."""
     if checked_problem(problem).is_discrete:
         every = _explained(problem, np.eye(problem.n_actions))
         assert every is not None, "some choice is the cheapest for every belief"
         return every
-    return decided_by(problem, simplex_cover(problem.n_states, DEFAULT_SIZE))
+    found = decided_by(problem, simplex_cover(problem.n_states, DEFAULT_SIZE))
+    form = problem.linear_form()
+    return found if form is None or form.lift is not None else found.joined(tied_mixtures(problem, found))
 
 
 def _explained(problem: DecisionProblem, choices: Array) -> Candidates | None:

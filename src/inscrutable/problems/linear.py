@@ -29,9 +29,9 @@ class LinearProblem(DecisionProblem):
     lies in the negative normal cone of C at u. On the boundary between cells several vertices are optimal, and so are their
     mixtures. `solve` then returns the one that is least in a fixed direction, the same at every call.
 
-    Without a proof decision makers choose among vertices. `decoy_grid(problem, r, faces=True)` adds mixtures of tied vertices:
-    fewer beliefs explain them, so that they can be far more private at almost the same cost. With `certify` a proof covers
-    every decision in C, and the decision maker chooses a mixture where that is more private. A mixture of all vertices tied at
+    Decision makers choose among vertices and mixtures of tied vertices, which fewer beliefs explain, so that they can be far
+    more private at almost the same cost; `decoy_grid(problem, r)` has vertices alone, with `faces=True` mixtures too. With
+    `certify` a proof covers every decision in C. A mixture of all vertices tied at
     a belief has the smallest consistent set, and its cost can be arbitrarily near that of the cheapest of them: the suprema
     are exact, and not attained only where a mixture needs less than `min_slack` of something.
 

@@ -81,6 +81,9 @@ SURE_CONFLICT = 1e-8
 SAME_ACTION = 1e-11
 """Decisions closer than this in every coordinate are one decision: above solver noise, below any tradable change."""
 
+SIMPLEX_DIAMETER = 1.5
+"""More than any two beliefs are apart: corners of the simplex are √2 apart."""
+
 SAME_BELIEF = 1e-9
 """Beliefs closer than this are one belief: distances are square roots, so noise of 1e-18 in squares."""
 

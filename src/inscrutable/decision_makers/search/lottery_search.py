@@ -14,6 +14,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.decision_makers.results import Progress
 from inscrutable.decision_makers.search.region_search import (
+    FIRST,
     Best,
     SearchSpace,
     SomeStarts,
@@ -217,9 +218,9 @@ class _Block:
         gained[which] = True
         return gained
 
-    def _starts(self, rows: np.ndarray, known: tuple[np.ndarray, np.ndarray], added: float = 0.0) -> SomeStarts:
+    def _starts(self, rows: np.ndarray, known: tuple[np.ndarray, np.ndarray], bonus: float = 0.0) -> SomeStarts:
         """Starts of the rows (n,) of a search at decisions known of beliefs, `known` (belief (n,), place (n,))."""
-        return starts_in(rows, self.regions[known], self.decoys[known], self.actions[known], added)
+        return starts_in(rows, self.regions[known], self.decoys[known], self.actions[known], bonus)
 
     def _ends(self, aims: Aims, steps: np.ndarray) -> list[SomeStarts]:
         """Starts at A and B; away from a point also at the decisions of the simplex's corners, the farthest beliefs."""
@@ -230,7 +231,7 @@ class _Block:
             parts.append(starts_in(rows, regions[corner], decoys[corner], actions[corner]))
         for end in (self.left[steps], self.right[steps]):
             there = np.flatnonzero(end != _NONE)
-            parts.append(self._starts(there, (steps[there], end[there]), np.inf))
+            parts.append(self._starts(there, (steps[there], end[there]), FIRST))
         return parts
 
     def lotteries(self) -> Lotteries:

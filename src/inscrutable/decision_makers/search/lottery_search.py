@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from inscrutable import tolerances
+from inscrutable.decision_makers.envelope import best_mixtures
 from inscrutable.decision_makers.results import Progress
 from inscrutable.decision_makers.search.region_search import (
     FIRST,
@@ -164,20 +165,13 @@ class _Block:
 
     def _draw(self, steps: np.ndarray) -> None:
         """Choose the best chord at the budget among the decisions known: A affordable, B not, or A alone."""
-        known, limits = int(self.used.max()), self.aims.limits[steps, None]
+        known, limits = int(self.used.max()), self.aims.limits[steps]
         regrets, privacies = self.regrets[steps, :known], self.privacies[steps, :known]
-        fits, rows = regrets <= limits, np.arange(len(steps))
-        alone = np.where(fits, privacies, -np.inf)
-        left = alone.argmax(axis=1)
-        run = regrets[:, None, :] - regrets[:, :, None]  # from A (axis 1) to B (axis 2)
-        rise = privacies[:, None, :] - np.where(np.isfinite(privacies), privacies, 0.0)[:, :, None]
-        paired = fits[:, :, None] & ~fits[:, None, :] & np.isfinite(privacies)[:, :, None] & (rise > 0.0)
-        share = np.where(paired, (limits - regrets)[:, :, None] / np.where(paired, run, 1.0), 0.0)
-        values = np.where(paired, privacies[:, :, None] + share * np.where(paired, rise, 0.0), -np.inf)
-        best = values.reshape(len(steps), -1).argmax(axis=1)
-        better = values.reshape(len(steps), -1)[rows, best] > alone[rows, left] + tolerances.CHORD
-        self.left[steps] = np.where(better, best // known, left)
-        self.right[steps] = np.where(better, best % known, _NONE)
+        alone = np.where(regrets <= limits[:, None], privacies, -np.inf)
+        found = best_mixtures(regrets, privacies, limits, np.isfinite(privacies))
+        better = found.values > alone.max(axis=1) + tolerances.CHORD
+        self.left[steps] = np.where(better, found.cheap, alone.argmax(axis=1))
+        self.right[steps] = np.where(better, found.dear, _NONE)
 
     def _slopes(self, steps: np.ndarray) -> Array:
         """The slope of each chord; 0 for a decision alone."""

@@ -23,7 +23,6 @@ from inscrutable import (
     plausibility_gap,
     random_candidates,
 )
-from inscrutable.adversaries.level_test import LevelTest
 from inscrutable.adversaries.plausibility import nearest_explanation
 from inscrutable.decision_makers.candidate_sources import near_decoys
 from inscrutable.decision_makers.indicators import Indicator, IndicatorTable
@@ -129,10 +128,10 @@ def test_a_gap_is_compared_as_the_cutting_planes_do(kind):
 
 
 @pytest.mark.parametrize("margin", [1e-6, 1e-3, 5e-3])
-def test_one_level_test_serves_many_decisions(margin):
+def test_a_gap_is_compared_with_a_margin_as_it_is_computed(margin):
     problem = problem_of("four states")
     rng = np.random.default_rng(5)
-    test = LevelTest(problem, margin)
+    goal = Indicator(problem, Infeasibility(margin))
     answers = []
     for _ in range(8):
         optimal, other = problem.solve(rng.dirichlet(np.ones(4))), rng.dirichlet(np.ones(problem.n_actions))
@@ -141,7 +140,7 @@ def test_one_level_test_serves_many_decisions(margin):
             gap = nearest_explanation(problem, action)[1]
             if abs(gap - margin) > 1e-7:
                 answers.append(gap >= margin)
-                assert test.reaches(action) == answers[-1]
+                assert goal.gap_reaches(action) == answers[-1]
     assert {True, False} == set(answers)
 
 

@@ -12,7 +12,6 @@ from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
 from inscrutable.adversaries.consistent_sets import LARGER
 from inscrutable.adversaries.inverse import belief_set_of
-from inscrutable.adversaries.level_test import LevelTest
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.hiding import Case
 from inscrutable.decision_makers.indicators import Block, Indicator, IndicatorTable, cheaper, table_of
@@ -164,7 +163,7 @@ def _by_programme(
     action = _cheapest_unexplained(form, belief, goal.margin)
     if action is None or not case.problem.constraints.is_admissible(action):
         return None
-    if not LevelTest(case.problem, goal.margin).reaches(action):
+    if not goal.gap_reaches(action):
         return None
     return action, max(float(case.problem.state_costs(action) @ belief) - optimal_cost, 0.0)
 

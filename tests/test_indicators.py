@@ -244,7 +244,7 @@ def test_nothing_affordable_is_said():
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_projections_enclose_the_distance_of_a_set(seed):
+def test_the_distance_of_a_set(seed):
     """By Clarabel, for sets of several dimensions, among them cones cut by the border of the simplex and empty ones."""
     cp = pytest.importorskip("cvxpy")
     rng = np.random.default_rng([seed, 3])
@@ -258,14 +258,10 @@ def test_projections_enclose_the_distance_of_a_set(seed):
     rows = [row for row, many in zip(rows, (1, len(inequalities), len(equalities)), strict=True) if many]
     programme = cp.Problem(cp.Minimize(cp.norm(x - belief)), rows)
     programme.solve(solver=cp.CLARABEL)
-    least, greatest = found.rough_distances(belief)
     if programme.status == "infeasible":
         assert found.is_empty
-        assert np.isnan(greatest)
     else:
-        assert least - 1e-8 <= found.distance(belief) <= greatest + 1e-8
-        assert greatest - least <= 1e-8
-        assert greatest == pytest.approx(programme.value, abs=1e-6)
+        assert found.distance(belief) == pytest.approx(programme.value, abs=1e-6)
 
 
 @pytest.mark.parametrize("n_states", [3, 4, 5])

@@ -59,7 +59,7 @@ class Indicator:
         met = np.asarray(sets.bounds(beliefs) >= self.least)
         close = regrets <= self.slack(self.problem.state_costs(actions))
         for t in np.flatnonzero(met & ((sets.dimension >= 2) | (close & (sets.dimension >= 0)))):
-            met[t] = self.is_far(beliefs[t], sets[int(t)])
+            met[t] = self.judges(beliefs[t], sets[int(t)])
         return met
 
     def judges(self, belief: Array, found: BeliefSet) -> bool:
@@ -75,13 +75,6 @@ class Indicator:
         """Return the regret up to which a belief counts as consistent with a decision of state costs (…,X): a member of an
         ill-conditioned set may lie beside its computed ends, but the decision has no regret under it."""
         return np.asarray(tolerances.FEASIBILITY * np.abs(costs).max(axis=-1))
-
-    def is_far(self, belief: Array, found: BeliefSet) -> bool:
-        """Return whether a set keeps the distance; projections decide, and the described set where they are close to it."""
-        least, greatest = found.rough_distances(belief)
-        if greatest < self.least - tolerances.ROUGH_DISTANCE:
-            return False
-        return least > self.least + tolerances.ROUGH_DISTANCE or self.measure(belief, found) == 0.0
 
     def _by_corners(self, beliefs: Array, sets: ConsistentSets) -> np.ndarray:
         apart = np.maximum(np.abs(sets.start - beliefs).max(axis=1), np.abs(sets.end - beliefs).max(axis=1))
@@ -146,7 +139,7 @@ class IndicatorTable:
                 self._kind[d] = self._never
             return bool(self._proved[d])
         if self.goal.rule is NonExistence and regret <= self.goal.slack(self._arrays[0][d]) and self._kind[d] >= 0:
-            return self.goal.is_far(belief, self._sets[int(self.number[d])])
+            return self.goal.judges(belief, self._sets[int(self.number[d])])
         if self._kind[d] < self._larger:
             return True
         return self.goal.judges(belief, self._sets[int(self.number[d])])

@@ -17,7 +17,6 @@ from inscrutable.geometry.polytopes import (
     Reduced,
     nearest_in_hull,
     nearest_point,
-    projected_distance,
     reduce_polytope,
     sample_polytope,
 )
@@ -202,21 +201,6 @@ class BeliefSet(Saved):
         if self._shape is None:
             return float("inf")
         return float(np.linalg.norm(point - self.nearest(point)))
-
-    def rough_distances(self, belief: Array) -> tuple[float, float]:
-        """Return bounds of the distance to `belief`, by projections on the rows with and without the tolerance.
-
-        It does not compute the polytope; NaN where the rows are too degenerate.
-        """
-        size, n_equal = self.n_states, len(self.equalities)
-        rows = np.vstack([self.equalities, self.inequalities, np.ones((1, size))])
-        found = []
-        for slack in (self.tolerance, 0.0):
-            lower, upper = np.full(size + len(rows), -slack), np.full(size + len(rows), np.inf)
-            upper[size : size + n_equal] = slack
-            lower[-1] = upper[-1] = 1.0
-            found.append(projected_distance(belief, rows, lower, upper))
-        return found[0], found[1]
 
     def vertices(self) -> Array:
         """Return the corners, shape (V, X); V = 0 where the set is empty."""

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from inscrutable import tolerances
-from inscrutable.geometry.hulls import affine_hulls, described_sets, sum_zero_basis
+from inscrutable.geometry.hulls import described_sets, sum_zero_basis
+from oracles.hulls import affine_hulls
 from oracles.segments import clip_to_segments
 
 SEEDS = st.integers(0, 2**32 - 1)

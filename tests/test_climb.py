@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from inscrutable import Polyhedron, QuadraticProblem, box, simplex, tolerances
 from inscrutable.decision_makers.search.partition import FaceProgramme, face_programme
-from inscrutable.decision_makers.search.region_search import rules_for
+from inscrutable.decision_makers.search.region_search import writable_basis
 from inscrutable.kernels import climb as climbing
 from inscrutable.kernels import faces
 from inscrutable.kernels.climb import Aim
@@ -35,7 +35,6 @@ Array = NDArray[np.float64]
 climb = numba.njit(error_model="numpy")(climbing.climb.py_func)  # only kernels call the package's own
 solve_kkt = numba.njit(error_model="numpy")(faces.solve_kkt.py_func)
 
-ROUNDS = 30
 TINY_STEP = 1e-30  # of a complex step: no difference is formed, so nothing cancels
 
 
@@ -136,7 +135,7 @@ def test_slopes_and_curvatures(seed: int, kind: str, n_states: int, size: int) -
     def in_regret(z: Array) -> Array:
         return regrets(face, belief, optimal_cost, z)
 
-    found, scratch = np.full(n_states, np.nan), np.full((n_states + 2, k), np.nan)
+    found, scratch = np.full(n_states, np.nan), np.full((n_states + 1, k), np.nan)
     regret_slope(belief, gradients, slopes, found)
     expected = slopes_of(in_regret, y)
     np.testing.assert_allclose(found, expected, atol=1e-9 * (1 + np.abs(expected).max()))
@@ -217,15 +216,14 @@ class Case(NamedTuple):
             rows = np.minimum(rows, 1.0 - self.regret(decoys) / self.aim.limit)
         return rows
 
-    def climb(self, start: Array, rounds: int = ROUNDS) -> tuple[float, Array, Array]:
+    def climb(self, start: Array) -> tuple[float, Array, Array]:
         y, w = start.copy(), np.full(self.face.span.shape[1] + 1, np.nan)
         loss, _ = climb(
             self.face.arrays,
             self.aim._replace(limit=self.aim.limit * (1.0 - tolerances.BUDGET_SAFETY)),
-            rules_for(y.size),
+            writable_basis(y.size),
             y,
             w,
-            rounds,
         )
         return float(loss), y, w
 
@@ -268,7 +266,7 @@ def lattice(n_states: int, resolution: int) -> Array:
 def brute(case: Case) -> tuple[float, Array]:
     """The least loss over a fine lattice, then over ever finer ones around the best few of its points, or by SLSQP from
     there, and where it lies: lattices lose a corner between two rows, SLSQP a kink."""
-    basis = rules_for(case.aim.belief.size).basis
+    basis = writable_basis(case.aim.belief.size)
     n_states, n = basis.shape
     width = 1.0 / (4000 if n == 1 else 300)
     points = lattice(n_states, round(1.0 / width))

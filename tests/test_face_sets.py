@@ -10,7 +10,7 @@ import pytest
 
 from inscrutable.adversaries import consistent_sets
 from inscrutable.decision_makers.search.partition import FaceProgramme, face_programme
-from inscrutable.decision_makers.search.region_search import rules_for
+from inscrutable.decision_makers.search.region_search import writable_basis
 from inscrutable.kernels import face_ascent
 from inscrutable.kernels.climb import Aim
 from inscrutable.kernels.set_distance import NO_ROW, distance_room, nearest_belief
@@ -74,7 +74,7 @@ def cases(n_states: int, n_assets: int, free: int, count: int, sign: float = 1.0
 
 @pytest.mark.parametrize(("n_states", "n_assets", "free"), [(3, 3, 1), (4, 3, 2), (5, 4, 2), (5, 4, 3)])
 def test_slope_and_curvature_of_a_sets_distance(n_states: int, n_assets: int, free: int) -> None:
-    rules, checked = rules_for(n_states), 0
+    basis, checked = writable_basis(n_states), 0
     for case in cases(n_states, n_assets, free, 8):
         face, size = case.face, free + n_states - 1
         rows = np.concatenate([case.face.curves.transpose(1, 0, 2)[:free] / face.scale, face.rows])
@@ -82,14 +82,14 @@ def test_slope_and_curvature_of_a_sets_distance(n_states: int, n_assets: int, fr
 
         def half_square(place: Array) -> float:
             w = np.append(place, 1.0)
-            return 0.5 * nearest_belief(face.arrays, w, case.aim.point, rules, NO_ROW, nearest, room) ** 2  # noqa: B023
+            return 0.5 * nearest_belief(face.arrays, w, case.aim.point, basis, NO_ROW, nearest, room) ** 2  # noqa: B023
 
         def model(place: Array) -> tuple[Array, Array, np.ndarray]:
             half_square(place)
             active = room.active[: free + face.n_set_rows].copy()  # noqa: B023
             slope, hessian = np.zeros(size), np.zeros((size, size))  # noqa: B023
             w = np.append(place, 1.0)
-            set_distance_model(rows, case.aim.point, rules.basis, w, nearest, active, slope, hessian)  # noqa: B023
+            set_distance_model(rows, case.aim.point, basis, w, nearest, active, slope, hessian)  # noqa: B023
             return slope[:free], hessian[:free, :free], active
 
         place = case.w[:-1]

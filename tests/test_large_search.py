@@ -17,7 +17,7 @@ from inscrutable import (
 )
 from inscrutable.decision_makers.search.partition import face_programme
 from inscrutable.decision_makers.search.rays import farthest_decoys
-from inscrutable.decision_makers.search.region_search import rules_for
+from inscrutable.decision_makers.search.region_search import writable_basis
 from inscrutable.kernels.set_distance import NO_ROW, distance_room, nearest_belief
 from inscrutable.privacy import MaximalObfuscation
 from oracles import consistent, large_markets, markets, multistart
@@ -154,6 +154,6 @@ def test_the_distance_to_a_set_by_its_face(seed):
     action = problem.solve(beliefs[0])
     face = face_programme(problem, problem.constraints.tight_rows(action))
     room = distance_room(6, face.span.shape[1], len(face.rows))
-    found = nearest_belief(face.arrays, face.w(action), beliefs[1], rules_for(6), NO_ROW, np.empty(6), room)
+    found = nearest_belief(face.arrays, face.w(action), beliefs[1], writable_basis(6), NO_ROW, np.empty(6), room)
     system = consistent.simplex_system(markets.gradients(market, action), action > 0)
     assert found == pytest.approx(consistent.distance(system, beliefs[1]), abs=CLOSE)

@@ -81,6 +81,9 @@ SURE_CONFLICT = 1e-8
 SAME_ACTION = 1e-11
 """Decisions closer than this in every coordinate are one decision: above solver noise, below any tradable change."""
 
+SIMPLEX_DIAMETER = 1.5
+"""More than any two beliefs are apart: corners of the simplex are √2 apart."""
+
 SAME_BELIEF = 1e-9
 """Beliefs closer than this are one belief: distances are square roots, so noise of 1e-18 in squares."""
 
@@ -94,9 +97,9 @@ SIGNAL_CELL = 1e-6
 """Width, in standard deviations, below which a cell of a sensor's signals is merged with its neighbour: the probability of a
 narrower cell, a difference of tails, would be lost to rounding."""
 
-ROUGH_DISTANCE = 1e-8
-"""A distance by one projection that is this near to a goal's is computed again from the described set: a hundred times the
-projection's accuracy."""
+EXACT_BELIEFS = 1e-8
+"""Distance of published beliefs from the steps of a filter, or from one another, up to which they are exact: a hundred times
+the accuracy to which the beliefs behind a decision are computed."""
 
 LEAST_BUDGET = 1e-7
 """Relative width, in the root of a regret, of the bracket of the least regret that reaches a distance: searches with closer

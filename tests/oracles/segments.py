@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inscrutable.geometry.hulls import Hulls, onto_simplex
+from inscrutable.geometry.hulls import onto_simplex
 from inscrutable.validation import Array
+from oracles.hulls import Hulls
 
 
 class Segments(NamedTuple):

@@ -125,11 +125,6 @@ class _Search:
         return ClosedPlanes(self._best, self._bound, self._planes, self._points)
 
 
-def lowest_of_planes(planes: Array) -> tuple[float, Array]:
-    """Return min_π max_j π·a_j over the simplex for planes (n,X), and a belief where it is reached."""
-    return PlaneGame(planes).lowest()
-
-
 def weights_of_planes(planes: Array) -> Array:
     """Return shares (n,) of planes (n,X) for which min_i Σ_j w_j a_j,i is min_π max_j π·a_j: the proof of that value."""
     return np.asarray(onto_simplex(-lowest_by_highs(planes).duals[None])[0])

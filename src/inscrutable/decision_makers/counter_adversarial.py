@@ -12,7 +12,7 @@ from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.hiding import Case, HidingDecisionMaker
-from inscrutable.decision_makers.indicator_search import hidden
+from inscrutable.decision_makers.indicator_search import cheapest_by_search
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.local_search import LocalSearch, search_locally
 from inscrutable.decision_makers.original import decision_for
@@ -167,7 +167,7 @@ def best_decisions(case: Case, beliefs: Array, progress: Progress | None = None)
     if case.is_quadratic_distance and case.space.problem.bends:
         return _searched(case, beliefs, progress)
     if is_streamed(case.measure):
-        return hidden(case, beliefs, best_decisions, progress).decisions()
+        return cheapest_by_search(case, beliefs, best_decisions, progress).decisions()
     # Copies: a caller must not change the decisions kept for other decision makers.
     return stack([_best_at(case, step, belief) for step, belief in counted(beliefs, progress)], case.problem)
 
@@ -212,7 +212,7 @@ def _search(case: Case, belief: Array, reference: Reference | None) -> Decision:
     limit = case.budget.limit(optimal_cost)
     quadratic = quadratic_problem(problem)
     if case.measure.is_indicator:
-        return hidden(case, belief[None], best_decisions).decisions()[0]
+        return cheapest_by_search(case, belief[None], best_decisions).decisions()[0]
     if reference is not None and case.on_empty == "exclude" and quadratic is not None:
         found = _searched(case, belief[None])[0]
         if type(case.measure) not in (MaximalObfuscation, DesiredObfuscation):

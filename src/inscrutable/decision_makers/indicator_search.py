@@ -12,7 +12,6 @@ from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
 from inscrutable.adversaries.consistent_sets import LARGER
 from inscrutable.adversaries.inverse import belief_set_of
-from inscrutable.adversaries.level_test import LevelTest
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.hiding import Case
 from inscrutable.decision_makers.indicators import Block, Indicator, IndicatorTable, cheaper, table_of
@@ -62,10 +61,8 @@ class IndicatorResult:
     def improve(self, step: int, decision: Decision) -> None:
         """Replace the decision of one belief by a cheaper one."""
         self.actions[step], self.regrets[step] = self.problem.as_points(decision.action), decision.regret
-        self.decoys[step], self.source[step] = (
-            central_members(self.problem, self.actions[step : step + 1])[0],
-            _POLISHED,
-        )
+        self.decoys[step] = central_members(self.problem, self.actions[step : step + 1])[0]
+        self.source[step] = _POLISHED
 
     def decisions(self) -> Decisions:
         """Return single decisions."""
@@ -91,7 +88,7 @@ class IndicatorResult:
         )
 
 
-def met(case: Case, beliefs: Array, progress: Progress | None = None) -> IndicatorResult:
+def cheapest_by_scan(case: Case, beliefs: Array, progress: Progress | None = None) -> IndicatorResult:
     """Return the cheapest decisions of beliefs (T,X) that meet the goal, in chunks on all cores."""
     count, n_states = beliefs.shape
     table = table_of(case.problem, case.measure, case.candidates, case.on_empty)
@@ -164,7 +161,7 @@ def _by_programme(
     action = _cheapest_unexplained(form, belief, goal.margin)
     if action is None or not case.problem.constraints.is_admissible(action):
         return None
-    if not LevelTest(case.problem, goal.margin).reaches(action):
+    if not goal.gap_reaches(action):
         return None
     return action, max(float(case.problem.state_costs(action) @ belief) - optimal_cost, 0.0)
 
@@ -209,19 +206,19 @@ Search = Callable[[Case, Array], Decisions]
 """The best single decisions of beliefs (T,X)."""
 
 
-def hidden(case: Case, beliefs: Array, best: Search, progress: Progress | None = None) -> IndicatorResult:
+def cheapest_by_search(case: Case, beliefs: Array, best: Search, progress: Progress | None = None) -> IndicatorResult:
     """Return the cheapest decisions of beliefs (T,X) that meet an indicator measure; where that asks for a distance, `best` is
     searched at falling budgets."""
     distance = case.measure.least_distance()
     if distance is None or quadratic_problem(case.problem) is None:
-        return met(case, beliefs, progress)
-    found = met(case, beliefs)
+        return cheapest_by_scan(case, beliefs, progress)
+    found = cheapest_by_scan(case, beliefs)
     for step, belief in counted(beliefs, progress):
         if not found.is_optimal[step]:
             most = found.regrets[step] if found.is_met[step] else case.budget.limit(found.optimal_costs[step])
-            cheaper = cheapest_keeping_distance(case, belief, best, float(most), distance)
-            if cheaper is not None and case.measure(belief, belief_set_of(case.problem, cheaper.action)) == 0.0:
-                found.improve(step, cheaper)
+            other = cheapest_keeping_distance(case, belief, best, float(most), distance)
+            if other is not None and case.measure(belief, belief_set_of(case.problem, other.action)) == 0.0:
+                found.improve(step, other)
     return found
 
 
@@ -285,10 +282,8 @@ def cheapest_at_distance(
                 best = least if least.regret < found.regret else found
             high, above = min(high, float(np.sqrt(best.regret))), best.privacy - distance
             left, right, side = (0.5 if side > 0 else 1.0) * left, above, 1
-        inside, jumps = (
-            (tolerances.LEAST_ON_FACE if is_end else tolerances.LEAST_BUDGET) * high,
-            above - below > _JUMPS * gap,
-        )
+        inside = (tolerances.LEAST_ON_FACE if is_end else tolerances.LEAST_BUDGET) * high
+        jumps = above - below > _JUMPS * gap
         width, gap = high - low, above - below
         if width <= 1.5 * inside or above <= tolerances.LEAST_BUDGET * distance:
             break

@@ -13,7 +13,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.adversaries import ConsistentSets, consistent_sets
-from inscrutable.adversaries.level_test import LevelTest
+from inscrutable.adversaries.plausibility import gap_compared, nearest_explanation
 from inscrutable.decision_makers.candidates import Candidates, distinct_of
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
@@ -59,7 +59,7 @@ class Indicator:
         met = np.asarray(sets.bounds(beliefs) >= self.least)
         close = regrets <= self.slack(self.problem.state_costs(actions))
         for t in np.flatnonzero(met & ((sets.dimension >= 2) | (close & (sets.dimension >= 0)))):
-            met[t] = self.is_far(beliefs[t], sets[int(t)])
+            met[t] = self.judges(beliefs[t], sets[int(t)])
         return met
 
     def judges(self, belief: Array, found: BeliefSet) -> bool:
@@ -76,13 +76,6 @@ class Indicator:
         ill-conditioned set may lie beside its computed ends, but the decision has no regret under it."""
         return np.asarray(tolerances.FEASIBILITY * np.abs(costs).max(axis=-1))
 
-    def is_far(self, belief: Array, found: BeliefSet) -> bool:
-        """Return whether a set keeps the distance; projections decide, and the described set where they are close to it."""
-        least, greatest = found.rough_distances(belief)
-        if greatest < self.least - tolerances.ROUGH_DISTANCE:
-            return False
-        return least > self.least + tolerances.ROUGH_DISTANCE or self.measure(belief, found) == 0.0
-
     def _by_corners(self, beliefs: Array, sets: ConsistentSets) -> np.ndarray:
         apart = np.maximum(np.abs(sets.start - beliefs).max(axis=1), np.abs(sets.end - beliefs).max(axis=1))
         met = (sets.dimension >= 0) & (apart > self.least)
@@ -94,6 +87,10 @@ class Indicator:
     def compares_gaps(self) -> bool:
         """Whether an unexplained decision must also miss every explanation by a margin."""
         return self.rule is Infeasibility and self.margin > 0.0
+
+    def gap_reaches(self, action: Array) -> bool:
+        """Return whether the plausibility gap of a decision (U,) reaches the margin."""
+        return gap_compared(self.problem, action, self.margin) >= self.margin
 
 
 class IndicatorTable:
@@ -137,14 +134,12 @@ class IndicatorTable:
         if self._proved[d]:
             return True
         if self.goal.compares_gaps:
-            # A test of its own for each, so that the answer does not depend on who asks first.
-            test = LevelTest(self.goal.problem, self.goal.margin)
-            self._proved[d] = test.reaches(self._sets.actions[self.number[d]])
+            self._proved[d] = self.goal.gap_reaches(self._sets.actions[self.number[d]])
             if not self._proved[d]:
                 self._kind[d] = self._never
             return bool(self._proved[d])
         if self.goal.rule is NonExistence and regret <= self.goal.slack(self._arrays[0][d]) and self._kind[d] >= 0:
-            return self.goal.is_far(belief, self._sets[int(self.number[d])])
+            return self.goal.judges(belief, self._sets[int(self.number[d])])
         if self._kind[d] < self._larger:
             return True
         return self.goal.judges(belief, self._sets[int(self.number[d])])
@@ -201,19 +196,20 @@ class _Shortening:
 
     def __init__(self, goal: Indicator, block: Block) -> None:
         self._goal, self._block = goal, block
-        self._tests = [LevelTest(goal.problem, goal.margin) for _ in block.beliefs] if goal.compares_gaps else []
 
     def best(self) -> Array:
         """Return the last decisions on the paths that meet the goal, or those of the block where these cost less."""
         block = self._block
         everyone = np.arange(len(block.beliefs))
         ends = Bracket(np.ones(everyone.size), np.zeros(everyone.size))
-        values = Bracket(np.full(everyone.size, -np.inf), np.full(everyone.size, np.inf))
-        shares = narrowed(lambda which, tried: side(self._meets(which, tried)), ends, values).inside
+        if self._goal.compares_gaps:
+            lacking = self._lacking(block.actions, np.ones(everyone.size, dtype=bool))
+            values = Bracket(np.minimum(lacking, 0.0), np.full(everyone.size, self._goal.margin))
+        else:
+            values = Bracket(side(everyone >= 0), side(everyone < 0))
+        shares = narrowed(self._missed, ends, values).inside
         found = self._trials(everyone, shares)
         keep = (shares == 1.0) | (self._regrets(everyone, found) > self._regrets(everyone, block.actions))
-        for i in np.flatnonzero(~keep) if self._tests else ():
-            keep[i] = not self._tests[i].reaches(found[i])
         found[keep] = block.actions[keep]
         return found
 
@@ -231,13 +227,19 @@ class _Shortening:
     def _regrets(self, which: np.ndarray, actions: Array) -> Array:
         return _regrets(self._goal, self._block.pick(which), actions)
 
-    def _meets(self, which: np.ndarray, shares: Array) -> np.ndarray:
+    def _missed(self, which: np.ndarray, shares: Array) -> Array:
+        """At most 0 where the trials meet the goal: what their gaps lack to a margin, or the side alone."""
         trials = self._trials(which, shares)
         decoys = self._decoys(which, shares) if self._block.explained[which].all() else None
         meets = _admitted(self._goal, self._block.beliefs[which], trials, self._regrets(which, trials), decoys)
-        for place in np.flatnonzero(meets) if self._tests else ():
-            meets[place] = self._tests[which[place]].reaches(trials[place], proved=False)
-        return meets
+        return self._lacking(trials, meets) if self._goal.compares_gaps else side(meets)
+
+    def _lacking(self, trials: Array, unexplained: np.ndarray) -> Array:
+        """The margin less the plausibility gaps of trials (n,U)."""
+        lacking = np.full(len(trials), self._goal.margin)
+        for place in np.flatnonzero(unexplained):
+            lacking[place] -= nearest_explanation(self._goal.problem, trials[place])[1]
+        return lacking
 
 
 def _regrets(goal: Indicator, block: Block, actions: Array) -> Array:

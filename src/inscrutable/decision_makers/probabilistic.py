@@ -17,7 +17,7 @@ from inscrutable.decision_makers.counter_adversarial import (
 )
 from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme
 from inscrutable.decision_makers.hiding import Case, HidingDecisionMaker
-from inscrutable.decision_makers.indicator_search import hidden
+from inscrutable.decision_makers.indicator_search import cheapest_by_search
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.certified import Proofs, check_provable, checked_gap
@@ -139,7 +139,7 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
         if envelope and case.is_quadratic_distance:
             return _searched(case, beliefs, progress)
         if envelope and is_streamed(self.measure):
-            return hidden(case, beliefs, best_decisions, progress).lotteries()
+            return cheapest_by_search(case, beliefs, best_decisions, progress).lotteries()
         # Every lottery has the best single decision among its atoms.
         singles = best_decisions(case, beliefs, progress) if envelope else None
         mixed = [

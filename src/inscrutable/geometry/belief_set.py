@@ -12,12 +12,11 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.axes import Axis, Names, ordered
 from inscrutable.errors import InputError, SolverError
-from inscrutable.geometry.hulls import affine_hulls, described_sets, members_of_sets
+from inscrutable.geometry.hulls import affine_hull, described_sets, members_of_sets
 from inscrutable.geometry.polytopes import (
     Reduced,
     nearest_in_hull,
     nearest_point,
-    projected_distance,
     reduce_polytope,
     sample_polytope,
 )
@@ -97,17 +96,15 @@ class BeliefSet(Saved):
         verdict, _ = members_of_sets(self.equalities[None], self.inequalities[None], self.tolerance)
         if verdict[0] < 0:
             return None
-        hull = affine_hulls(self.equalities[None], self.tolerance)
-        directions = hull.directions[0, :dimension]
+        hull = affine_hull(self.equalities, self.tolerance)
         bounded = np.vstack([self.inequalities, np.eye(self.n_states)])
-        rows = -bounded @ directions.T
-        offsets = bounded @ hull.origin[0]
-        bands = hull.bands[0, :dimension]
-        for axis in np.flatnonzero(np.isfinite(bands[:, 0])):
+        rows = -bounded @ hull.directions.T
+        offsets = bounded @ hull.origin
+        for axis in np.flatnonzero(np.isfinite(hull.bands[:, 0])):
             unit = np.eye(dimension)[axis]
             rows = np.vstack([rows, unit, -unit])
-            offsets = np.concatenate([offsets, [bands[axis, 1], -bands[axis, 0]]])
-        return reduce_polytope(hull.origin[0], directions, rows, offsets, solid=bool(verdict[0] > 0))
+            offsets = np.concatenate([offsets, [hull.bands[axis, 1], -hull.bands[axis, 0]]])
+        return reduce_polytope(hull.origin, hull.directions, rows, offsets, solid=bool(verdict[0] > 0))
 
     @cached_property
     def _even_corners(self) -> Array:
@@ -204,21 +201,6 @@ class BeliefSet(Saved):
         if self._shape is None:
             return float("inf")
         return float(np.linalg.norm(point - self.nearest(point)))
-
-    def rough_distances(self, belief: Array) -> tuple[float, float]:
-        """Return bounds of the distance to `belief`, by projections on the rows with and without the tolerance.
-
-        It does not compute the polytope; NaN where the rows are too degenerate.
-        """
-        size, n_equal = self.n_states, len(self.equalities)
-        rows = np.vstack([self.equalities, self.inequalities, np.ones((1, size))])
-        found = []
-        for slack in (self.tolerance, 0.0):
-            lower, upper = np.full(size + len(rows), -slack), np.full(size + len(rows), np.inf)
-            upper[size : size + n_equal] = slack
-            lower[-1] = upper[-1] = 1.0
-            found.append(projected_distance(belief, rows, lower, upper))
-        return found[0], found[1]
 
     def vertices(self) -> Array:
         """Return the corners, shape (V, X); V = 0 where the set is empty."""

@@ -16,8 +16,6 @@ from inscrutable.errors import SolverError
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.validation import Array
 
-_EQUALITY = 5
-
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
@@ -190,20 +188,6 @@ def project_on_rows(rows: Array, offsets: Array, wanted: Array) -> Array:
     if flag < 1:
         raise SolverError(f"projection on a belief set failed with DAQP exit flag {flag}")
     return np.asarray(z)
-
-
-def projected_distance(target: Array, rows: Array, lower: Array, upper: Array) -> float:
-    """Return the distance of `target` (d,) from {x : lower ≤ (x, rows x) ≤ upper}; NaN where DAQP finds no such point."""
-    x, _, flag, _ = daqp.solve(
-        np.eye(target.size),
-        -np.asarray(target),
-        np.ascontiguousarray(rows),
-        upper,
-        lower,
-        np.where(upper == lower, _EQUALITY, 0).astype(np.int32),
-        primal_tol=tolerances.LINEAR_PROGRAMME,
-    )
-    return float(np.linalg.norm(x - target)) if flag >= 1 else float("nan")
 
 
 def sample_polytope(polytope: Reduced, n: int, rng: np.random.Generator) -> Array:

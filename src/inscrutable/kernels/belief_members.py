@@ -9,7 +9,7 @@ y ≥ 0 with y'N = 0; where y'b > 0 the set is empty (Farkas). Otherwise the ans
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,22 +17,20 @@ from inscrutable.kernels.belief_sets import LARGER, along, band, hull_of, room_f
 from inscrutable.kernels.options import inlined, internal, kernel
 from inscrutable.kernels.projection import NO_EQUALITIES, project_in
 from inscrutable.kernels.projection import room_for as projection_room
+from inscrutable.tolerances import (
+    LEAST_MEMBER_DEPTH,
+    MEMBER_DEPTH,
+    ON_FACE,
+    SIMPLEX_DIAMETER,
+    STATIONARITY,
+    SURE_CONFLICT,
+)
 
 EMPTY, UNKNOWN, HELD = -1, 0, 1
-_REACH = 2.0  # the hull's origin is its point nearest to the middle of the simplex: members are closer than that to it
-
-
-class Depths(NamedTuple):
-    """The depth sought for a member, the depth required of it, and the least conflict that proves a set empty."""
-
-    wanted: float
-    least: float
-    touching: float
-    rounding: float
 
 
 @internal
-def _scaled_rows(rows: Any, n_given: int, size: int, room: Any, touching: float, normals: Any, sides: Any) -> int:
+def _scaled_rows(rows: Any, n_given: int, size: int, room: Any, normals: Any, sides: Any) -> int:
     """Write the rows Q π ≥ 0 and π ≥ 0 in the coordinates of the hull; return how many, −1 where a constant one fails."""
     n_states = rows.shape[1]
     count = 0
@@ -43,8 +41,8 @@ def _scaled_rows(rows: Any, n_given: int, size: int, room: Any, touching: float,
             total += normals[count, a] * normals[count, a]
         length = np.sqrt(total)
         value = along(rows, n_given, r, room.origin)
-        if length <= touching:
-            if value < -touching:
+        if length <= ON_FACE:
+            if value < -ON_FACE:
                 return -1
             continue
         for a in range(size):
@@ -66,8 +64,9 @@ def _least_slack(normals: Any, sides: Any, count: int, size: int, place: Any) ->
 
 
 @internal
-def _contradict(normals: Any, sides: Any, count: int, size: int, weights: Any, touching: float) -> bool:
-    """Whether the weighted rows prove that no point satisfies all of them, even if each is relaxed by `touching`."""
+def _contradict(normals: Any, sides: Any, count: int, size: int, weights: Any) -> bool:
+    """Whether the weights y prove that no belief satisfies all rows N t ≥ b, even if each is relaxed by `SURE_CONFLICT`:
+    y'b − max |y'N t| > SURE_CONFLICT Σy over the coordinates t of beliefs, which `SIMPLEX_DIAMETER` bounds."""
     total, conflict = 0.0, 0.0
     for r in range(count):
         if weights[r] > 0.0:
@@ -82,7 +81,7 @@ def _contradict(normals: Any, sides: Any, count: int, size: int, weights: Any, t
             if weights[r] > 0.0:
                 inner += weights[r] * normals[r, a]
         left += inner * inner
-    return bool(conflict - _REACH * np.sqrt(left) > touching * total)
+    return bool(conflict - SIMPLEX_DIAMETER * np.sqrt(left) > SURE_CONFLICT * total)
 
 
 @inlined
@@ -95,9 +94,7 @@ def _write_member(room: Any, place: Any, out: Any) -> None:
 
 
 @kernel
-def find_members(
-    equalities: Any, inequalities: Any, basis: Any, limits: Any, depths: Any, verdict: Any, members: Any
-) -> None:
+def find_members(equalities: Any, inequalities: Any, basis: Any, tolerance: float, verdict: Any, members: Any) -> None:
     """Say of stacked sets P (n,k,X), Q (n,m,X) with a hull of dimension two or more whether they are `HELD`, with a member
     (n,X), or `EMPTY`; `UNKNOWN` where that takes linear programmes, and for all others."""
     n, k, n_states = equalities.shape
@@ -106,29 +103,29 @@ def find_members(
     sides, deeper, weights = np.empty(m + n_states), np.empty(m + n_states), np.empty(m + n_states)
     for i in range(n):
         verdict[i] = UNKNOWN
-        size, _, _ = hull_of(equalities[i], k, basis, limits, room)
+        size, _, _ = hull_of(equalities[i], k, basis, tolerance, room)
         if size < LARGER:
             continue
         banded = False
         for a in range(size):
-            banded = banded or np.isfinite(band(room, a, limits.explained)[0])
+            banded = banded or np.isfinite(band(room, a, tolerance)[0])
         if banded:
             continue
         normals, place = np.empty((m + n_states, size)), np.empty(size)
-        count = _scaled_rows(inequalities[i], m, size, room, limits.on_face, normals, sides)
+        count = _scaled_rows(inequalities[i], m, size, room, normals, sides)
         if count < 0:
             verdict[i] = EMPTY
             continue
         memory = projection_room(size, count)
-        for depth in (depths.wanted, depths.least):
+        for depth in (MEMBER_DEPTH, LEAST_MEMBER_DEPTH):
             for r in range(count):
                 deeper[r] = sides[r] + depth
             place[:] = 0.0
-            if project_in(normals, deeper, count, NO_EQUALITIES, depths.rounding, place, weights, memory):
+            if project_in(normals, deeper, count, NO_EQUALITIES, STATIONARITY, place, weights, memory):
                 if _least_slack(normals, sides, count, size, place) > 0.5 * depth:
                     verdict[i] = HELD
                     _write_member(room, place, members[i])
                 break
-            if _contradict(normals, sides, count, size, weights, depths.touching):
+            if _contradict(normals, sides, count, size, weights):
                 verdict[i] = EMPTY
                 break

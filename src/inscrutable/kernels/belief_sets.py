@@ -1,12 +1,14 @@
 """Consistent beliefs of many decisions, one small system at a time: {π ∈ Δ : P π = 0, Q π ≥ 0}.
 
-The arithmetic of `geometry.hulls`, which defines it. With B an orthonormal basis of the
-directions that keep Σπ, the columns of P B are rotated until they are orthogonal (one-sided Jacobi):
+With B an orthonormal basis of the directions that keep Σπ, the columns of P B are rotated until they are orthogonal (one-sided
+Jacobi, a singular value decomposition):
 
     P B V = W,   σ_j = ‖W_j‖,   π = 1/X + B V t,   t_j = −W_j·(P 1/X) / σ_j² where σ_j determines a coordinate.
 
-Directions with a singular value below the rank tolerance stay free: none is a point, one a segment to cut with the
-inequalities. Larger sets are left to `kernels.belief_members`.
+Directions with a singular value below the rank tolerance stay free, within the band in which the residual stays below the
+tolerance: none is a point, one a segment to cut with the inequalities. Larger sets are left to `kernels.belief_members`.
+
+No two beliefs are farther apart than `SIMPLEX_DIAMETER`: a direction with σ times that below the tolerance has no band.
 """
 
 from __future__ import annotations
@@ -17,21 +19,12 @@ import numpy as np
 
 from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.options import inlined, internal, kernel
+from inscrutable.tolerances import ON_FACE, RANK, SAME_BELIEF, SIMPLEX_DIAMETER
 
 LARGER = 2
 """Dimension reported for whatever is not empty, a point or a segment."""
 _SWEEPS = 40
-_FARTHEST = 2.0  # as in geometry.hulls
-
-
-class Limits(NamedTuple):
-    """The tolerances of the same names."""
-
-    explained: float
-    rank: float
-    on_face: float
-    same_belief: float
-    rounding: float
+_ROUNDING = float(np.finfo(np.float64).eps)
 
 
 class Room(NamedTuple):
@@ -139,18 +132,18 @@ def _residual(equalities: Any, n_rows: int, room: Any, rank: float) -> float:
         for a in range(room.lengths.size):
             length = room.lengths[a]
             if 0.0 < length <= rank:
-                removable = min(max(room.aligned[a], -_FARTHEST * length), _FARTHEST * length)
+                removable = min(max(room.aligned[a], -SIMPLEX_DIAMETER * length), SIMPLEX_DIAMETER * length)
                 total += room.columns[r, a] / length * removable
         worst = max(worst, abs(total))
     return worst
 
 
 @internal
-def hull_of(equalities: Any, n_rows: int, basis: Any, limits: Any, room: Any) -> tuple[int, float, float]:
+def hull_of(equalities: Any, n_rows: int, basis: Any, tolerance: float, room: Any) -> tuple[int, float, float]:
     """Write the affine hull of P π = 0, 1'π = 1 into `room`; return its dimension (−1 empty), residual and noise."""
     n_states, free = basis.shape
     _project(equalities, n_rows, basis, room)
-    _orthogonalise(room, n_rows, limits.rounding)
+    _orthogonalise(room, n_rows, _ROUNDING)
     for x in range(n_states):
         room.origin[x] = 1.0 / n_states
     n_free, smallest = 0, 1.0
@@ -165,22 +158,22 @@ def hull_of(equalities: Any, n_rows: int, basis: Any, limits: Any, room: Any) ->
             for b in range(free):
                 total += basis[x, b] * room.turn[b, a]
             room.directions[a, x] = total
-        if length > limits.rank:
+        if length > RANK:
             smallest = length  # they fall
             for x in range(n_states):
                 room.origin[x] += room.aligned[a] / length * room.directions[a, x]
         else:
             n_free += 1
-    residual = _residual(equalities, n_rows, room, limits.rank)
-    noise = max(limits.on_face, limits.explained / smallest) if n_rows * free > 0 else limits.on_face
-    return (n_free if residual <= limits.explained else -1), residual, noise
+    residual = _residual(equalities, n_rows, room, RANK)
+    noise = max(ON_FACE, tolerance / smallest) if n_rows * free > 0 else ON_FACE
+    return (n_free if residual <= tolerance else -1), residual, noise
 
 
 @inlined
 def band(room: Any, axis: int, explained: float) -> tuple[float, float]:
     """Lowest and highest coordinate along a free direction at which the residual stays below the tolerance."""
     length = room.lengths[axis]
-    if _FARTHEST * length <= explained:
+    if SIMPLEX_DIAMETER * length <= explained:
         return -np.inf, np.inf
     return (room.aligned[axis] - explained) / length, (room.aligned[axis] + explained) / length
 
@@ -212,9 +205,9 @@ def _onto_simplex(room: Any, step: float, out: Any) -> None:
 
 
 @inlined
-def _cut_segment(rows: Any, n_rows: int, noise: float, limits: Any, room: Any) -> tuple[bool, float, float]:
+def _cut_segment(rows: Any, n_rows: int, noise: float, tolerance: float, room: Any) -> tuple[bool, float, float]:
     """Whether some of a line satisfies the inequalities, and its first and last step."""
-    low, high = band(room, 0, limits.explained)
+    low, high = band(room, 0, tolerance)
     steepest = np.inf
     for r in range(n_rows + room.origin.size):
         value = along(rows, n_rows, r, room.origin)
@@ -238,7 +231,7 @@ def _cut_segment(rows: Any, n_rows: int, noise: float, limits: Any, room: Any) -
 
 
 @internal
-def cut_hull(rows: Any, n_rows: int, dimension: int, noise: float, limits: Any, room: Any, ends: Any) -> int:
+def cut_hull(rows: Any, n_rows: int, dimension: int, noise: float, tolerance: float, room: Any, ends: Any) -> int:
     """Cut a hull of dimension 0 or 1 with Q π ≥ 0 and π ≥ 0; write both ends, return the dimension that is left."""
     if dimension == 0:
         for r in range(n_rows + room.origin.size):
@@ -247,7 +240,7 @@ def cut_hull(rows: Any, n_rows: int, dimension: int, noise: float, limits: Any, 
         _onto_simplex(room, 0.0, ends[0])
         _onto_simplex(room, 0.0, ends[1])
         return 0
-    present, low, high = _cut_segment(rows, n_rows, noise, limits, room)
+    present, low, high = _cut_segment(rows, n_rows, noise, tolerance, room)
     if not present:
         return -1
     _onto_simplex(room, low, ends[0])
@@ -256,12 +249,26 @@ def cut_hull(rows: Any, n_rows: int, dimension: int, noise: float, limits: Any, 
     for x in range(room.origin.size):
         apart = ends[1, x] - ends[0, x]
         total += apart * apart
-    return 1 if np.sqrt(total) > limits.same_belief else 0
+    return 1 if np.sqrt(total) > SAME_BELIEF else 0
+
+
+@kernel
+def affine_hull(equalities: Any, basis: Any, tolerance: float, origin: Any, directions: Any, bands: Any) -> int:
+    """Fill the affine hull of P π = 0, 1'π = 1: its point nearest to the middle of the simplex (X,), orthonormal directions
+    (X-1,X), the free ones first, and the band along each of these (X-1,2). Returns its dimension, −1 where it is empty."""
+    n_rows, n_states = equalities.shape
+    room = room_for(n_rows, n_states)
+    dimension, _, _ = hull_of(equalities, n_rows, basis, tolerance, room)
+    origin[:] = room.origin
+    directions[:, :] = room.directions
+    for axis in range(dimension):
+        bands[axis, 0], bands[axis, 1] = band(room, axis, tolerance)
+    return int(dimension)
 
 
 @deferred(kernel)
 def describe_sets(
-    low: int, high: int, equalities: Any, inequalities: Any, basis: Any, limits: Any, dimension: Any, ends: Any
+    low: int, high: int, equalities: Any, inequalities: Any, basis: Any, tolerance: float, dimension: Any, ends: Any
 ) -> None:
     """Dimension and both ends (n, 2, X) of the sets low..high of stacked systems P (n,k,X), Q (n,m,X).
 
@@ -270,7 +277,7 @@ def describe_sets(
     _, k, n_states = equalities.shape
     room = room_for(k, n_states)
     for i in range(low, high):
-        size, _, noise = hull_of(equalities[i], k, basis, limits, room)
+        size, _, noise = hull_of(equalities[i], k, basis, tolerance, room)
         if 0 <= size < LARGER:
-            size = cut_hull(inequalities[i], inequalities.shape[1], size, noise, limits, room, ends[i])
+            size = cut_hull(inequalities[i], inequalities.shape[1], size, noise, tolerance, room, ends[i])
         dimension[i] = size

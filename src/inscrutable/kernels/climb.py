@@ -31,14 +31,19 @@ from inscrutable.kernels.faces import (
 from inscrutable.kernels.options import inlined, integer, internal, uncounted
 from inscrutable.kernels.projection import NO_EQUALITIES, at_unit_length, project_in, room_for
 from inscrutable.kernels.rounding import NO_DISTANCE, TINY
+from inscrutable.tolerances import EXPLAINED, PIVOT, POLISH
 
+MET = EXPLAINED  # violation of a row that counts as none
+PROJECTED = 0.01 * MET  # the same for the linearised rows that steps are projected on
+NO_GAIN = POLISH**1.5  # gain that is not worth a step
 # Newton steps onto the rows: from a start, from a step's end, and to see whether they hold.
-_FIRST_TURNS, _LATER_TURNS, _NO_TURNS = integer(8), integer(3), integer(0)
-_TRIALS_A_ROUND = 6
+FIRST_TURNS, LATER_TURNS, _NO_TURNS = integer(8), integer(3), integer(0)
+_MOST_TRIALS = 180  # of a climb, a limit: a few times what the slowest of the kept instances took
 _NEARBY = 1e-3  # a row is left out of the steps until its value has come below this
-_SHIFTS, _FIRST_SHIFT = 60, 1e-3  # of the Hessian, in units of its size
+_MOST_SHIFTS, _FIRST_SHIFT = 60, 1e-3  # of the Hessian, in units of its size
 _GROWTH = 4.0  # of the shift, from one to the next
 _CONVEX = 1e-9  # least share of a pivot that may remain
+_ACROSS = 3.0  # curvature across rows that held, over the largest of the rest
 SHORTER, SHORTEST = 0.3, 1e-3  # a step that does not help is cut to this share, and given up below that
 
 
@@ -51,20 +56,6 @@ class Aim(NamedTuple):
     optimal_cost: float
     limit: float  # largest regret; infinite where a price is set
     price: float  # 0 where a budget is set
-
-
-class Rules(NamedTuple):
-    """Tolerances and the basis of the reduced coordinates."""
-
-    pivot: float  # least share of a pivot that may remain
-    near: float  # violation of a row that counts as none
-    accuracy: float  # gain that is not worth a step
-    rank: float  # equations of a set below this, relative to the gradient, determine nothing
-    explained: float  # largest residual of an explained decision
-    on_face: float  # largest violation of a row of a set
-    inside: float  # share of a budget that is spent, so that rounding cannot break it
-    spent: float  # a budget of which no more than this share is left counts as spent
-    basis: Any  # (X, n) orthonormal, columns sum to zero
 
 
 class _Place(NamedTuple):
@@ -145,30 +136,47 @@ def largest_in(matrix: Any, n: int) -> float:
     return size
 
 
+class Shift(NamedTuple):
+    """How a symmetric W is made positive definite: W + τI in its first coordinates, τ = 0 first, then from a thousandth of
+    `size` on, until it is."""
+
+    n_shifted: int  # the first coordinates
+    size: float  # of W there
+    growth: float  # of τ, from one trial to the next
+
+
 @inlined
-def _convexified(matrix: Any, bends: tuple[int, float, float], factor: Any) -> None:
-    """Factor matrix + shift, with the least of a few shifts of the first coordinates that makes it positive definite."""
-    (n_shifted, size, growth), n, shift = bends, factor.shape[0], 0.0
-    for _ in range(_SHIFTS):
+def _factor_shifted(hessian: Any, shift: Any, factor: Any) -> None:
+    """Fill the Cholesky factor of W with the first shift τ that makes it positive definite."""
+    n, tau = factor.shape[0], 0.0
+    for _ in range(_MOST_SHIFTS):
         positive = True
         for i in range(n):
             for k in range(n):
-                factor[i, k] = matrix[i, k]
-            if i < n_shifted:
-                factor[i, i] += shift
+                factor[i, k] = hessian[i, k]
+            if i < shift.n_shifted:
+                factor[i, i] += tau
             positive = positive and factor[i, i] > 0.0
         if positive and cholesky(factor, n, _CONVEX):
             return
-        shift = max(growth * shift, _FIRST_SHIFT * size, TINY)
+        tau = max(shift.growth * tau, _FIRST_SHIFT * shift.size, TINY)
+
+
+class HalfSpaces(NamedTuple):
+    """Rows N d ≥ b of a step d, each N_r of unit length; the first ones are equalities."""
+
+    units: Any  # N (m,n)
+    sides: Any  # b (m,)
+    n_equal: int
 
 
 class StepRoom(NamedTuple):
     """Memory of a quadratic programme in n coordinates with m rows."""
 
-    factor: Any  # (n,n)
-    turned: Any  # (m,n)
-    moved: Any  # (m,)
-    lengths: Any  # (m,)
+    factor: Any  # L (n,n)
+    turned: Any  # (m,n) rows N L⁻ᵀ at unit length
+    moved: Any  # (m,) their sides
+    lengths: Any  # (m,) their former lengths
     projection: Any
 
 
@@ -181,17 +189,16 @@ def step_room(size: int, n_rows: int) -> StepRoom:
 
 
 @uncounted
-def quadratic_step(model: Any, lines: Any, near: float, step: Any, weights: Any, room: Any) -> bool:
+def quadratic_step(hessian: Any, slope: Any, shift: Any, below: Any, step: Any, weights: Any, room: Any) -> bool:
     """Minimise ½d'Wd + slope·d under rows N d ≥ b: with W = LL' the projection of −L⁻¹ slope in x = L'd.
 
-    model: (W (n,n), slope (n,), (in how many of the first coordinates W is bent where it is not convex, the size of W there,
-    how bends grow)); lines: (N (m,n) at unit length, b (m,), how many of the first rows are equalities). `step` (n,) and
-    the multipliers `weights` (m,), of either sign for equalities, are filled; where False is returned they say nothing.
+    W (n,n) is shifted by a `Shift` where it is not positive definite; `below` are `HalfSpaces`. `step` (n,) and the
+    multipliers `weights` (m,), of either sign for equalities, are filled; where False is returned they say nothing.
     """
-    (hessian, slope, bends), (units, sides, n_equal) = model, lines
+    units, sides, n_equal = below
     factor, turned, moved, lengths, projection = room
     n = step.size
-    _convexified(hessian, bends, factor)
+    _factor_shifted(hessian, shift, factor)
     for i in range(n):
         total = -slope[i]
         for k in range(i):
@@ -210,7 +217,7 @@ def quadratic_step(model: Any, lines: Any, near: float, step: Any, weights: Any,
             turned[r, i] /= length
         moved[r] = sides[r] / length
         lengths[r] = length
-    if not project_in(turned, moved, sides.size, n_equal, near, step, weights, projection):
+    if not project_in(turned, moved, sides.size, n_equal, PROJECTED, step, weights, projection):
         return False
     for r in range(sides.size):
         weights[r] /= lengths[r]
@@ -223,7 +230,11 @@ def quadratic_step(model: Any, lines: Any, near: float, step: Any, weights: Any,
 
 @inlined
 def _curvature(curves: Any, rows: Any, aim: Any, y: Any, place: Any, weights: Any, out: Any) -> None:
-    """Hessian of the loss minus the weighted rows; the budget's weight is the last. out: ((X,X), memory (X+2,k))."""
+    """Hessian in y of the loss minus Σ weight_r f_r, plus the budget's weight, the last one, times ρ.
+
+    With d = y − p it is −sign·I of the loss −sign ½‖d‖², and −sign (I − dd'/‖d‖²)/‖d‖ + price ∂²ρ of the loss at a price.
+    out: (Hessian (X,X), memory (X+1,k)).
+    """
     full, scratch = out
     n_states = y.size
     square = 0.0
@@ -250,8 +261,9 @@ def _curvature(curves: Any, rows: Any, aim: Any, y: Any, place: Any, weights: An
 
 @uncounted
 def _model(curves: Any, rows: Any, aim: Any, basis: Any, y: Any, place: Any, held: Any, out: Any) -> None:
-    """Slope and Hessian of the step's programme in the reduced coordinates.
+    """Slope and Hessian of the step's programme in the reduced coordinates, B'(∂loss) and B'(`_curvature`)B.
 
+    Across every row with a multiplier a large curvature is added: the last steps went along it.
     held: (multipliers of the rows, their unit normals); out: (slope (n,), Hessian (n,n), memory of `_curvature`).
     """
     (weights, units), (slope, hessian, memory) = held, out
@@ -282,11 +294,11 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, y: Any, place: Any, hel
         if weights[r] != 0.0:
             for c in range(n):
                 for d in range(n):
-                    hessian[c, d] += 3.0 * size * units[r, c] * units[r, d]
+                    hessian[c, d] += _ACROSS * size * units[r, c] * units[r, d]
 
 
 @uncounted
-def _restore(face: Any, aim: Any, rules: Any, turns: int, y: Any, w: Any, place: Any, room: Any) -> tuple[bool, float]:
+def _restore(face: Any, aim: Any, basis: Any, turns: int, y: Any, w: Any, place: Any, room: Any) -> tuple[bool, float]:
     """Pull y the shortest way onto the linearised rows until all hold: whether they do, and the regret reached.
 
     room: (`_Lines`, multipliers (c,), step (n,), slope (X,), `ProjectionRoom`), all but the lines of no use afterwards.
@@ -295,21 +307,21 @@ def _restore(face: Any, aim: Any, rules: Any, turns: int, y: Any, w: Any, place:
     lines, moved, step, normal, projection = room
     regret = 0.0
     for turn in range(turns + 1):
-        if not solve_kkt(curves, y, rules.pivot, w, place.factor, place.gradients, place.slopes):
+        if not solve_kkt(curves, y, PIVOT, w, place.factor, place.gradients, place.slopes):
             return False, regret
         regret = cost_under(curves, aim.belief, w, place.gradients) - aim.optimal_cost
         over = (regret - aim.limit) / aim.limit if aim.limit < np.inf else 0.0
-        if _shortfall(rows, y, w, over, lines.live) <= rules.near:
+        if _shortfall(rows, y, w, over, lines.live) <= MET:
             return True, regret
         if turn == turns:
             return False, regret
         regret_slope(aim.belief, place.gradients, place.slopes, place.budget)
-        _linearise(rows, y, w, place, aim.limit - regret, rules.basis, lines, normal)
+        _linearise(rows, y, w, place, aim.limit - regret, basis, lines, normal)
         step[:] = 0.0
         units, sides = lines.units, lines.sides
-        if not project_in(units, sides, sides.size, NO_EQUALITIES, 0.01 * rules.near, step, moved, projection):
+        if not project_in(units, sides, sides.size, NO_EQUALITIES, PROJECTED, step, moved, projection):
             return False, regret
-        _move(rules.basis, y, step, 1.0, y)
+        _move(basis, y, step, 1.0, y)
     return False, regret
 
 
@@ -333,62 +345,76 @@ def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
     return length / lean if aim.sign > 0.0 and lean > 0.0 else 0.0
 
 
+@inlined
+def _place_for(n_states: int, k: int) -> _Place:
+    """Memory for a decoy's decision with k free coordinates."""
+    return _Place(np.empty((k, k)), np.empty((n_states, k)), np.empty((n_states, k)), np.empty(n_states))
+
+
 @internal
-def climb(face: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> tuple[float, float]:
+def decide_on_face(face: Any, y: Any, w: Any) -> None:
+    """Fill w (k+1,) with the decision of y (X,) on a face."""
+    place = _place_for(y.size, w.size - 1)
+    solve_kkt(face.curves, y, PIVOT, w, place.factor, place.gradients, place.slopes)
+
+
+@internal
+def climb(face: Any, aim: Any, basis: Any, y: Any, w: Any) -> tuple[float, float]:
     """Improve y (X,) on a face and leave its decision in w (k+1,); returns the least loss, infinite where none is allowed, and
     the budget's multiplier."""
     curves, rows, has_budget = face.curves, face.rows, aim.limit < np.inf
-    n_states, n = rules.basis.shape
+    n_states, n = basis.shape
     k, m = w.size - 1, rows.shape[0]
     count = m + 1 if has_budget else m
-    place = _Place(np.empty((k, k)), np.empty((n_states, k)), np.empty((n_states, k)), np.empty(n_states))
+    place = _place_for(n_states, k)
     lines = _Lines(np.empty((count, n)), np.empty(count), np.empty(count), np.zeros(m, dtype=np.bool_))
     step, slope, hessian, weights = np.empty(n), np.empty(n), np.empty((n, n)), np.zeros(count)
-    memory, curving = step_room(n, count), (np.empty((n_states, n_states)), np.empty((n_states + 2, k)))
+    memory, curving = step_room(n, count), (np.empty((n_states, n_states)), np.empty((n_states + 1, k)))
     trial, normal = y.copy(), np.empty(n_states)
     room = (lines, memory.moved, slope, normal, memory.projection)
-    best, share, turns = np.inf, 1.0, _FIRST_TURNS
-    for _ in range(rounds * _TRIALS_A_ROUND):
-        allowed, regret = _restore(face, aim, rules, turns, trial, w, place, room)
+    best, share = np.inf, 1.0
+    for _ in range(_MOST_TRIALS):
+        has_start = best < np.inf
+        turns = LATER_TURNS if has_start else FIRST_TURNS
+        allowed, regret = _restore(face, aim, basis, turns, trial, w, place, room)
         loss = _loss(aim, trial, regret)
         if allowed and loss < best:
             gain, best = best - loss, loss
             for i in range(n_states):
                 y[i] = trial[i]
-            if gain <= rules.accuracy and share == 1.0:
+            if gain <= NO_GAIN and share == 1.0:
                 break
             regret_slope(aim.belief, place.gradients, place.slopes, place.budget)
-            _linearise(rows, y, w, place, aim.limit - regret, rules.basis, lines, normal)
-            if turns == _FIRST_TURNS and has_budget:
+            _linearise(rows, y, w, place, aim.limit - regret, basis, lines, normal)
+            if has_budget and not has_start:
                 weights[m] = _price_of_budget(aim, y, place.budget)
-            share, turns = 1.0, _LATER_TURNS
-            _model(curves, rows, aim, rules.basis, y, place, (weights, lines.units), (slope, hessian, curving))
-            below = (lines.units, lines.sides, NO_EQUALITIES)
-            if not quadratic_step(
-                (hessian, slope, (n, largest_in(hessian, n), _GROWTH)), below, 0.01 * rules.near, step, weights, memory
-            ):
+            share = 1.0
+            _model(curves, rows, aim, basis, y, place, (weights, lines.units), (slope, hessian, curving))
+            shift = Shift(n, largest_in(hessian, n), _GROWTH)
+            below = HalfSpaces(lines.units, lines.sides, NO_EQUALITIES)
+            if not quadratic_step(hessian, slope, shift, below, step, weights, memory):
                 break
             promise = 0.0
             for c in range(n):
                 promise -= slope[c] * step[c]
             for r in range(count):
                 weights[r] /= lines.lengths[r]
-            if promise <= rules.accuracy:
+            if promise <= NO_GAIN:
                 break
         else:
             share *= SHORTER
-            if turns == _FIRST_TURNS or share < SHORTEST:
+            if not has_start or share < SHORTEST:
                 break
-        _move(rules.basis, y, step, share, trial)
+        _move(basis, y, step, share, trial)
     if not has_budget and aim.sign < 0.0:
         # The distance has a kink at the point itself, where steps by slopes do not end.
         for i in range(n_states):
             trial[i] = aim.point[i]
-        allowed, regret = _restore(face, aim, rules, _NO_TURNS, trial, w, place, room)
+        allowed, regret = _restore(face, aim, basis, _NO_TURNS, trial, w, place, room)
         loss = _loss(aim, trial, regret)
         if allowed and loss < best:
             best = loss
             for i in range(n_states):
                 y[i] = trial[i]
-    solve_kkt(curves, y, rules.pivot, w, place.factor, place.gradients, place.slopes)
+    solve_kkt(curves, y, PIVOT, w, place.factor, place.gradients, place.slopes)
     return best, weights[m] if has_budget else 0.0

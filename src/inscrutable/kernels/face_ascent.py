@@ -15,7 +15,20 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.climb import SHORTER, SHORTEST, largest_in, quadratic_step, step_room
+from inscrutable.kernels.climb import (
+    FIRST_TURNS,
+    LATER_TURNS,
+    MET,
+    NO_GAIN,
+    PROJECTED,
+    SHORTER,
+    SHORTEST,
+    HalfSpaces,
+    Shift,
+    largest_in,
+    quadratic_step,
+    step_room,
+)
 from inscrutable.kernels.copies import put
 from inscrutable.kernels.faces import cholesky, row_value, solve_factored
 from inscrutable.kernels.options import inlined, integer, internal
@@ -147,10 +160,10 @@ def _write_rows(rows: Any, basis: Any, place: Any, cost_slope: Any, left: float,
 
 
 @inlined
-def _pull(curves: Any, rows: Any, aim: Any, rules: Any, turns: int, place: Any, lines: Any) -> bool:
+def _pull(curves: Any, rows: Any, aim: Any, basis: Any, turns: int, place: Any, lines: Any) -> bool:
     """Move (v, z) onto the rows and the budget by Newton steps; False where that fails."""
     (w, z), (units, sides, _) = place, lines
-    n_states, n = rules.basis.shape
+    n_states, n = basis.shape
     k = w.size - 1
     m = rows.shape[0]
     slope, bend = np.empty(k), np.empty((k, k))
@@ -161,19 +174,19 @@ def _pull(curves: Any, rows: Any, aim: Any, rules: Any, turns: int, place: Any, 
         for r in range(m):
             value = row_value(rows[r], z, w)
             worst = max(worst, abs(value) if r < k else -value)
-        if worst <= rules.near:
+        if worst <= MET:
             return True
         if turn == turns:
             return False
         cost_model(curves, aim.belief, w, slope, bend)
-        _write_rows(rows, rules.basis, place, slope, left, lines)
+        _write_rows(rows, basis, place, slope, left, lines)
         step[:] = 0.0
-        if not project(units, sides, sides.size, k, 0.01 * rules.near, step, multipliers):
+        if not project(units, sides, sides.size, k, PROJECTED, step, multipliers):
             return False
         w[:k] += step[:k]
         for c in range(n):
             for i in range(n_states):
-                z[i] += rules.basis[i, c] * step[k + c] / _EASE
+                z[i] += basis[i, c] * step[k + c] / _EASE
     return False
 
 
@@ -246,7 +259,7 @@ def _bend_rows(rows: Any, basis: Any, top: float, weights: Any, lines: Any, hess
 
 @inlined
 def _next_step(
-    curves: Any, rows: Any, aim: Any, rules: Any, place: Any, known: Any, lines: Any, model: Any
+    curves: Any, rows: Any, aim: Any, basis: Any, place: Any, known: Any, lines: Any, model: Any
 ) -> tuple[float, float]:
     """Fill the step from (w, z) and the multipliers of the lines; returns the gain that is promised, −1 where there is no step,
     and the budget's multiplier.
@@ -262,21 +275,21 @@ def _next_step(
     promise, weight = -1.0, 0.0
     for _ in range(2):
         is_bent = bool(np.any(weights != 0.0))
-        weight = _model(curves, rows, aim, rules.basis, (w, z), active, known, (slope, hessian))
+        weight = _model(curves, rows, aim, basis, (w, z), active, known, (slope, hessian))
         top = largest_in(hessian, k)
-        _bend_rows(rows, rules.basis, top, weights, (units, lengths), hessian)
+        _bend_rows(rows, basis, top, weights, (units, lengths), hessian)
         # Convex in the decision; the member's own coordinates are not to be held back.
-        bends, below, near = (k, top, _GROWTH), (units, sides, k), 0.01 * rules.near
+        shift, below = Shift(k, top, _GROWTH), HalfSpaces(units, sides, k)
         promise = -1.0
-        if quadratic_step((hessian, slope, bends), below, near, step, weights, memory):
+        if quadratic_step(hessian, slope, shift, below, step, weights, memory):
             promise = 0.0
             for a in range(k):
                 promise -= slope[a] * step[a]
             for r in range(lengths.size):
                 weights[r] /= lengths[r]
             if has_budget:  # the model is of ½Ψ²
-                promise, weight = promise / max(known[0], rules.near), weights[m]
-        if promise > rules.accuracy or not is_bent:
+                promise, weight = promise / max(known[0], MET), weights[m]
+        if promise > NO_GAIN or not is_bent:
             break
         weights[:] = 0.0
     return promise, float(weight)
@@ -295,14 +308,14 @@ def _move(w: Any, z: Any, step: Any, share: float, basis: Any, trial: Any, membe
 
 
 @internal
-def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, floor: float, room: Any) -> tuple[float, float]:
+def ascend(face: Any, rows: Any, aim: Any, basis: Any, w: Any, z: Any, floor: float, room: Any) -> tuple[float, float]:
     """Improve the decision w, explained by z; both are replaced. Returns the value, −∞ where the search fails, and the budget's
     multiplier.
 
     `rows` begin with the k equalities, followed by the face's rows; `floor` is the best value known; `room` is a
     `DistanceRoom`.
     """
-    n_states, n = rules.basis.shape
+    n_states, n = basis.shape
     k = w.size - 1
     size, m = k + n, rows.shape[0]
     curves, has_budget = face.curves, aim.limit < np.inf
@@ -316,8 +329,8 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, floor: fl
     best, share, weight = np.inf, 1.0, 0.0
     for turn in range(_TRIALS):
         loss, distance, known = np.inf, np.inf, best < np.inf
-        if _pull(curves, rows, aim, rules, 3 if known else 8, (trial, member), written):
-            distance = nearest_belief(face, trial, aim.point, rules, NO_ROW, nearest, room)
+        if _pull(curves, rows, aim, basis, LATER_TURNS if known else FIRST_TURNS, (trial, member), written):
+            distance = nearest_belief(face, trial, aim.point, basis, NO_ROW, nearest, room)
         if distance < np.inf:
             loss = -aim.sign * distance
             if aim.price > 0.0:
@@ -338,10 +351,10 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, floor: fl
             share = 1.0
             cost_model(curves, aim.belief, w, cost_slope, bend)
             left = aim.limit - cost_at(curves, aim.belief, w) + aim.optimal_cost
-            _write_rows(rows, rules.basis, (w, z), cost_slope, left, written)
+            _write_rows(rows, basis, (w, z), cost_slope, left, written)
             state = (distance, weight, known)
-            promise, weight = _next_step(curves, rows, aim, rules, (w, z), state, written, model)
-            if promise <= rules.accuracy or (creeps and (_TRIALS - turn) * promise <= enough):
+            promise, weight = _next_step(curves, rows, aim, basis, (w, z), state, written, model)
+            if promise <= NO_GAIN or (creeps and (_TRIALS - turn) * promise <= enough):
                 break
-        _move(w, z, step, share, rules.basis, trial, member)
+        _move(w, z, step, share, basis, trial, member)
     return -best, weight

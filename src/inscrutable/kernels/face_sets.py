@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.climb import quadratic_step, step_room
+from inscrutable.kernels.climb import MET, HalfSpaces, Shift, quadratic_step, step_room
 from inscrutable.kernels.copies import put, put_shifted
 from inscrutable.kernels.face_ascent import cost_model
 from inscrutable.kernels.faces import cholesky
@@ -15,15 +15,16 @@ from inscrutable.kernels.options import inlined, internal, uncounted
 from inscrutable.kernels.projection import NO_EQUALITIES, at_unit_length
 from inscrutable.kernels.rounding import FLAT
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
+from inscrutable.tolerances import PIVOT, SIMPLEX_DIAMETER
 
-_FARTHEST = 1.5  # more than any two beliefs are apart
 _LONGEST = 1e6  # step along an unbounded line
-_TRIES = 4
-_SHRINK = 0.5
+_NO_INTERVAL = (1.0, -1.0)
+_TRIES = 4  # of decisions on a line, from its end on
+_SHRINK = 0.5  # of the step, from one to the next
 
 
 @internal
-def move_to_cheapest(face: Any, aim: Any, near: float, w: Any) -> None:
+def move_to_cheapest(face: Any, aim: Any, w: Any) -> None:
     """Move v to the least cost of the face under the true belief, inside the slacks."""
     first, k = face.n_set_rows, w.size - 1
     m = face.rows.shape[0] - first
@@ -37,14 +38,13 @@ def move_to_cheapest(face: Any, aim: Any, near: float, w: Any) -> None:
             units[r, a] = face.rows[first + r, 0, a]
             value += face.rows[first + r, 0, a] * w[a]
         sides[r], _ = at_unit_length(units[r], value)
-    if quadratic_step(
-        (bend, slope, (k, 0.0, 1.0)), (units, sides, NO_EQUALITIES), 0.01 * near, step, weights, step_room(k, m)
-    ):
+    shift, below = Shift(k, 0.0, 1.0), HalfSpaces(units, sides, NO_EQUALITIES)
+    if quadratic_step(bend, slope, shift, below, step, weights, step_room(k, m)):
         put_shifted(w, 1.0, step, w)
 
 
 @inlined
-def _interval(face: Any, aim: Any, w: Any, direction: Any, limit: float, near: float) -> tuple[float, float]:
+def _interval(face: Any, aim: Any, w: Any, direction: Any, limit: float) -> tuple[float, float]:
     """The steps along `direction` (k,) that all slacks and the budget allow; empty where the first exceeds the second.
 
     Along v + t d the regret is a quadratic of t and every slack is affine: one interval.
@@ -57,8 +57,8 @@ def _interval(face: Any, aim: Any, w: Any, direction: Any, limit: float, near: f
             value += face.rows[r, 0, a] * w[a]
             speed += face.rows[r, 0, a] * direction[a]
         if abs(speed) <= FLAT:
-            if value < -near:
-                return 1.0, -1.0
+            if value < -MET:
+                return _NO_INTERVAL
         elif speed > 0.0:
             low = max(low, -value / speed)
         else:
@@ -78,7 +78,7 @@ def _interval(face: Any, aim: Any, w: Any, direction: Any, limit: float, near: f
         if bend > 0.0:
             root = lean * lean - 4.0 * bend * excess
             if root < 0.0:
-                return 1.0, -1.0
+                return _NO_INTERVAL
             # The two roots without cancellation.
             root = np.sqrt(root)
             q = -0.5 * (lean + root) if lean > 0.0 else -0.5 * (lean - root)
@@ -89,9 +89,9 @@ def _interval(face: Any, aim: Any, w: Any, direction: Any, limit: float, near: f
 
 
 @uncounted
-def decision_value(face: Any, aim: Any, rules: Any, trial: Any, nearest: Any, room: Any) -> float:
+def decision_value(face: Any, aim: Any, basis: Any, trial: Any, nearest: Any, room: Any) -> float:
     """sign·distance − price·regret of the decision at `trial`; −∞ where no belief explains it."""
-    distance = nearest_belief(face, trial, aim.point, rules, NO_ROW, nearest, room)
+    distance = nearest_belief(face, trial, aim.point, basis, NO_ROW, nearest, room)
     if not distance < np.inf:
         return -np.inf
     value = aim.sign * distance
@@ -101,14 +101,14 @@ def decision_value(face: Any, aim: Any, rules: Any, trial: Any, nearest: Any, ro
 
 
 @inlined
-def _end_value(face: Any, aim: Any, rules: Any, line: Any, end: float, work: Any) -> tuple[float, float]:
+def _end_value(face: Any, aim: Any, basis: Any, line: Any, end: float, work: Any) -> tuple[float, float]:
     """The best of a few steps toward the end of a line (w, direction), and its value."""
     w, direction = line
     trial, member, room = work
     top, step, share = -np.inf, 0.0, 1.0
     for _ in range(_TRIES):
         put_shifted(w, share * end, direction, trial)
-        value = decision_value(face, aim, rules, trial, member, room)
+        value = decision_value(face, aim, basis, trial, member, room)
         if value > top:
             top, step = value, share * end
         share *= _SHRINK
@@ -116,7 +116,7 @@ def _end_value(face: Any, aim: Any, rules: Any, line: Any, end: float, work: Any
 
 
 @inlined
-def look_around(face: Any, aim: Any, rules: Any, w: Any, best: float, found: Any, room: Any) -> int:
+def look_around(face: Any, aim: Any, basis: Any, w: Any, best: float, found: Any, room: Any) -> int:
     """Fill the best decisions (n, k+1) on lines through w, at most one a side; returns how many there are.
 
     The lines are the axes and diagonals of the ellipsoid that the budget allows. With a climb from w alone instead, 10 of 2,700
@@ -125,11 +125,11 @@ def look_around(face: Any, aim: Any, rules: Any, w: Any, best: float, found: Any
     k = w.size - 1
     slope, factor, direction = np.empty(k), np.empty((k, k)), np.empty(k)
     cost_model(face.curves, aim.belief, w, slope, factor)
-    if not cholesky(factor, k, rules.pivot):
+    if not cholesky(factor, k, PIVOT):
         return 0
     limit = aim.limit
     if aim.price > 0.0:  # a larger regret costs more than any distance gains on the best value
-        limit = min(limit, (_FARTHEST - best) / aim.price)
+        limit = min(limit, (SIMPLEX_DIAMETER - best) / aim.price)
     values = np.full(found.shape[0], -np.inf)
     trial, member = w.copy(), np.empty(aim.point.size)
     for first in range(k):
@@ -143,11 +143,11 @@ def look_around(face: Any, aim: Any, rules: Any, w: Any, best: float, found: Any
                 for c in range(a + 1, k):
                     direction[a] -= factor[c, a] * direction[c]
                 direction[a] /= factor[a, a]
-            low, high = _interval(face, aim, w, direction, limit, rules.near)
+            low, high = _interval(face, aim, w, direction, limit)
             if low > high:
                 continue
             for end in (low, high):
-                step, top = _end_value(face, aim, rules, (w, direction), end, (trial, member, room))
+                step, top = _end_value(face, aim, basis, (w, direction), end, (trial, member, room))
                 # Keep the best, in order.
                 s = values.size - 1
                 if not top > values[s]:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from inscrutable.kernels.options import inlined, uncounted, uncounted_kernel
+from inscrutable.tolerances import STATIONARITY
 
 
 @uncounted
@@ -87,16 +88,16 @@ def solve_kkt(curves: Any, y: Any, pivot: float, w: Any, factor: Any, gradients:
 
 
 @uncounted_kernel
-def place_on_face(origin: Any, span: Any, bounds: Any, near: float, w: Any, out: Any) -> None:
-    """Fill the decision u_0 + Z v (U,); a coordinate that is no farther than `near` from a bound of its own is put on it."""
+def place_on_face(origin: Any, span: Any, bounds: Any, w: Any, out: Any) -> None:
+    """Fill the decision u_0 + Z v (U,); a coordinate that differs from a bound of its own by rounding is put on it."""
     low, high = bounds
     for j in range(out.size):
         total = origin[j]
         for a in range(span.shape[1]):
             total += span[j, a] * w[a]
-        if abs(total - low[j]) <= near:
+        if abs(total - low[j]) <= STATIONARITY:
             total = low[j]
-        if abs(total - high[j]) <= near:
+        if abs(total - high[j]) <= STATIONARITY:
             total = high[j]
         out[j] = total
 
@@ -146,7 +147,7 @@ def add_symmetric(slopes: Any, other: Any, weight: float, out: Any) -> None:
 def add_regret_curvature(
     curves: Any, belief: Any, y: Any, gradients: Any, slopes: Any, weight: float, scratch: Any, out: Any
 ) -> None:
-    """out += weight ∂²ρ/∂y²; scratch is (X+2, k).
+    """out += weight ∂²ρ/∂y²; scratch is (X+1, k).
 
     T G' and T H(π−y) T' are symmetric, so with B the sum is T D' + D T' for D = B + ½G + ½ T H(π−y).
     """
@@ -204,7 +205,7 @@ def row_slope(row: Any, y: Any, w: Any, slopes: Any, out: Any) -> None:
 def add_row_curvature(
     curves: Any, row: Any, y: Any, factor: Any, slopes: Any, weight: float, scratch: Any, out: Any
 ) -> None:
-    """out += weight ∂²f/∂y²; scratch is (X+2, k)."""
+    """out += weight ∂²f/∂y²; scratch is (X+1, k)."""
     n_states, k = slopes.shape
     q = scratch[n_states]
     for a in range(k):

@@ -12,18 +12,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.climb import Aim, Rules, climb
+from inscrutable.kernels.climb import MET, Aim, climb, decide_on_face
 from inscrutable.kernels.copies import put
 from inscrutable.kernels.face_ascent import ascend
 from inscrutable.kernels.face_sets import decision_value, look_around, move_to_cheapest
-from inscrutable.kernels.options import inlined, integer, internal, uncounted
+from inscrutable.kernels.options import inlined, internal, uncounted
 from inscrutable.kernels.regions import face_of, locate
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, distance_room, nearest_belief
+from inscrutable.tolerances import BUDGET_SAFETY, ROW_IN_REACH
 
-_ROUNDS = integer(30)  # of a climb; a few times what the slowest of the kept instances took
 _HALVINGS = 12  # of a step that crosses a boundary; with 20 no privacy is larger by 1e-5 of itself
 _IMPOSSIBLE = 1e-5  # a probability that counts as zero on a boundary: climbs leave more of it than rounding
-_NO_ROUNDS = integer(0)
 _STARTS = 2  # ends of lines from which a set's slopes are followed, besides the best decision so far
 
 
@@ -46,18 +45,22 @@ class Climbs(NamedTuple):
     decoys: Any  # (n,X)
     others: Any  # (n,X) where each begins again if that leads to no decision, where it differs
     actions: Any  # (n,U)
-    is_known: Any  # (n,) whether lines through the region's cheapest decision were looked at in an earlier turn
+    has_lines: Any  # (n,) whether lines through the region's cheapest decision were tried in an earlier turn
 
 
-class Spots(NamedTuple):
-    """Where n climbs ended."""
+class Optima(NamedTuple):
+    """n local optima: the best decision found, and the belief found farthest from the aim's point with its decision."""
 
-    numbers: Any  # (n,5) value Ψ − μρ, privacy Ψ, regret ρ, potential: the value if the set were the one belief `far`, price μ
+    value: Any  # (n,) Ψ − μρ of the best decision at the price μ, Ψ under a budget; −∞ where none was found
+    privacy: Any  # (n,) Ψ, sign × distance
+    regret: Any  # (n,) ρ
+    price: Any  # (n,) μ: dΨ/dρ at the end of the budget, 0 where budget is left over
     nearest: Any  # (n,X) the consistent belief nearest to the aim's point
     place: Any  # (n,M) w = (v, 1) in the first k+1 entries
-    far: Any  # (n,X) the belief of the region that is farthest from the aim's point
-    far_place: Any  # (n,M) its decision
-    is_known: Any  # (n,) whether lines through the region's cheapest decision were looked at
+    potential: Any  # (n,) the value if `far` alone explained its decision; −∞ where none was found
+    far: Any  # (n,X)
+    far_place: Any  # (n,M)
+    has_lines: Any  # (n,) whether lines through the region's cheapest decision were tried
 
 
 class ClimbRoom(NamedTuple):
@@ -79,94 +82,91 @@ def climb_room(n_states: int, n_actions: int, n_rows: int) -> ClimbRoom:
 
 
 @inlined
-def aim_of(aims: Any, t: int, rules: Any) -> Aim:
-    """The objective of belief t."""
-    return Aim(
-        aims.beliefs[t], aims.points[t], aims.sign, aims.optimal_costs[t], aims.limits[t] * rules.inside,
-        aims.prices[t],
-    )  # fmt: skip
+def aim_of(aims: Any, t: int) -> Aim:
+    """The objective of belief t; a little of its budget is left, so that rounding cannot exceed it."""
+    limit = aims.limits[t] * (1.0 - BUDGET_SAFETY)
+    return Aim(aims.beliefs[t], aims.points[t], aims.sign, aims.optimal_costs[t], limit, aims.prices[t])
 
 
 @uncounted
-def _is_admissible(face: Any, trial: Any, near: float) -> bool:
+def _is_admissible(face: Any, trial: Any) -> bool:
     """Whether no slack is negative."""
     for r in range(face.n_set_rows, face.rows.shape[0]):
         slack = 0.0
         for a in range(trial.size):
             slack += face.rows[r, 0, a] * trial[a]
-        if slack < -near:
+        if slack < -MET:
             return False
     return True
 
 
 @uncounted
-def _keep(face: Any, aim: Any, rules: Any, trial: Any, weight: float, spots: Any, s: int, room: Any) -> None:
+def _keep(face: Any, aim: Any, basis: Any, trial: Any, weight: float, optima: Any, s: int, room: Any) -> None:
     """Take over a trial that a belief explains, if it is admissible, affordable and better.
 
-    `weight` is the budget's multiplier for ½Ψ²; it is zero where budget is left over.
+    `weight` is the budget's multiplier for ½Ψ², Ψ times the price; it is zero where budget is left over.
     """
-    numbers, nearest, place = spots.numbers, spots.nearest, spots.place
-    if not _is_admissible(face, trial, rules.near):
+    if not _is_admissible(face, trial):
         return
-    distance = nearest_belief(face, trial, aim.point, rules, NO_ROW, room.member, room.distance)
+    distance = nearest_belief(face, trial, aim.point, basis, NO_ROW, room.member, room.distance)
     regret = cost_at(face.curves, aim.belief, trial) - aim.optimal_cost
     # Rounding may end a line a little beyond the budget; the aim's limit leaves room for that.
-    if not distance < np.inf or regret > aim.limit * (1.0 + rules.near):
+    if not distance < np.inf or regret > aim.limit * (1.0 + MET):
         return
     value = aim.sign * distance
     if aim.price > 0.0:
         value -= aim.price * regret
-    if value > numbers[s, 0]:
-        put(trial, place[s])
-        put(room.member, nearest[s])
-        numbers[s, 0], numbers[s, 1], numbers[s, 2] = value, aim.sign * distance + 0.0, max(regret, 0.0)
-        numbers[s, 4] = aim.price
+    if value > optima.value[s]:
+        put(trial, optima.place[s])
+        put(room.member, optima.nearest[s])
+        optima.value[s], optima.privacy[s], optima.regret[s] = value, aim.sign * distance + 0.0, max(regret, 0.0)
+        optima.price[s] = aim.price
         if aim.limit < np.inf:
-            is_spent = aim.limit - regret <= rules.spent * aim.limit and distance > 0.0
-            numbers[s, 4] = max(weight, 0.0) / distance if is_spent else 0.0
+            is_spent = aim.limit - regret <= ROW_IN_REACH * aim.limit and distance > 0.0
+            optima.price[s] = max(weight, 0.0) / distance if is_spent else 0.0
 
 
 @internal
-def climb_decoys(count: int, climbs: Any, aim: Any, regions: Any, rules: Any, spots: Any, room: Any) -> None:
-    """Fill the spots of `count` climbs from their decoys; the value is −∞ where no decoy is admissible."""
-    n_states, y = rules.basis.shape[0], room.decoy
+def climb_decoys(count: int, climbs: Any, aim: Any, regions: Any, basis: Any, optima: Any, room: Any) -> None:
+    """Fill the optima of `count` climbs from their decoys; the value is −∞ where no decoy is admissible."""
+    n_states, y = basis.shape[0], room.decoy
     for s in range(count):
         number = climbs.region[s]
         face, w = face_of(regions, number, n_states), room.place[: regions.size[number] + 1]
-        spots.numbers[s, 0], spots.numbers[s, 3], spots.is_known[s] = -np.inf, -np.inf, False
+        optima.value[s], optima.potential[s], optima.has_lines[s] = -np.inf, -np.inf, False
         put(climbs.decoys[s], y)
-        loss, weight = climb(face, aim, rules, y, w, _ROUNDS)
+        loss, weight = climb(face, aim, basis, y, w)
         if not loss < np.inf and np.any(climbs.others[s] != climbs.decoys[s]):
             put(climbs.others[s], y)
-            loss, weight = climb(face, aim, rules, y, w, _ROUNDS)
+            loss, weight = climb(face, aim, basis, y, w)
         if loss < np.inf:
-            _keep(face, aim, rules, w, weight, spots, s, room)
-            put(y, spots.far[s])
-            put(w, spots.far_place[s])
+            _keep(face, aim, basis, w, weight, optima, s, room)
+            put(y, optima.far[s])
+            put(w, optima.far_place[s])
             # Where states cost alike, other beliefs than the decoy explain the decision: the distance to the set counts.
-            spots.numbers[s, 3] = spots.numbers[s, 0]
+            optima.potential[s] = optima.value[s]
             if not regions.is_point[number]:
-                spots.numbers[s, 3] = -loss
-                if aim.limit < np.inf:
-                    spots.numbers[s, 3] = aim.sign * np.sqrt(max(-2.0 * aim.sign * loss, 0.0))
+                optima.potential[s] = -loss
+                if aim.limit < np.inf:  # the loss is −sign ½‖y − p‖²
+                    optima.potential[s] = aim.sign * np.sqrt(max(-2.0 * aim.sign * loss, 0.0))
 
 
 @inlined
-def _is_hopeless(spots: Any, floor: float, rules: Any, s: int) -> bool:
+def _is_hopeless(optima: Any, floor: float, s: int) -> bool:
     """Whether the farthest decoy found in a region is worth less than `floor`: no set is farther than its members.
 
     Where it is worth as much it may be the best known itself, and the region may have other local optima.
     """
-    return bool(-np.inf < spots.numbers[s, 3] < floor - rules.near)
+    return bool(-np.inf < optima.potential[s] < floor - MET)
 
 
 @uncounted
-def _was_known(climbs: Any, spots: Any, s: int) -> bool:
-    """Whether another climb has looked at the lines of the region."""
-    known = climbs.is_known[s]
+def _had_lines(climbs: Any, optima: Any, s: int) -> bool:
+    """Whether another climb has tried the lines of the region."""
+    had = climbs.has_lines[s]
     for other in range(s):
-        known = known or (climbs.region[other] == climbs.region[s] and spots.is_known[other])
-    return bool(known)
+        had = had or (climbs.region[other] == climbs.region[s] and optima.has_lines[other])
+    return bool(had)
 
 
 @inlined
@@ -200,7 +200,7 @@ def _directions_between(y: Any) -> Any:
 
 
 @internal
-def _climb_border(face: Any, aim: Any, rules: Any, y: Any, w: Any, room: Any) -> float:
+def _climb_border(face: Any, aim: Any, basis: Any, y: Any, w: Any, room: Any) -> float:
     """Improve y and its decision w with y's zero probabilities held; returns the budget's multiplier, 0 where it is not known.
 
     On the boundary of the decisions that some belief explains the set is a point, and the distance has no useful gradient.
@@ -209,20 +209,17 @@ def _climb_border(face: Any, aim: Any, rules: Any, y: Any, w: Any, room: Any) ->
     for i in range(y.size):
         if y[i] <= _IMPOSSIBLE:
             y[i] = 0.0
-    held = Rules(
-        rules.pivot, rules.near, rules.accuracy, rules.rank, rules.explained, rules.on_face, rules.inside, rules.spent,
-        _directions_between(y),
-    )  # fmt: skip
+    held = _directions_between(y)
     end, trial, there = y.copy(), y.copy(), w.copy()
-    best, low, high, share = decision_value(face, aim, rules, w, room.member, room.distance), 0.0, 1.0, 1.0
-    loss, weight = climb(face, aim, held, end, there, _ROUNDS)
+    best, low, high, share = decision_value(face, aim, basis, w, room.member, room.distance), 0.0, 1.0, 1.0
+    loss, weight = climb(face, aim, held, end, there)
     if not loss < np.inf:
         return 0.0
     for _ in range(_HALVINGS):
-        value = decision_value(face, aim, rules, there, room.member, room.distance)
+        value = decision_value(face, aim, basis, there, room.member, room.distance)
         # The climb's end may exceed the budget by rounding; the aim's limit leaves room for that.
-        fits = cost_at(face.curves, aim.belief, there) - aim.optimal_cost <= aim.limit * (1.0 + rules.near)
-        if value > best and fits and _is_admissible(face, there, rules.near):
+        fits = cost_at(face.curves, aim.belief, there) - aim.optimal_cost <= aim.limit * (1.0 + MET)
+        if value > best and fits and _is_admissible(face, there):
             best, low = value, share
             put(there, w)
             if share == 1.0:
@@ -232,7 +229,7 @@ def _climb_border(face: Any, aim: Any, rules: Any, y: Any, w: Any, room: Any) ->
         share = 0.5 * (low + high)
         for i in range(y.size):
             trial[i] = (1.0 - share) * y[i] + share * end[i]
-        climb(face, aim, held, trial, there, _NO_ROUNDS)
+        decide_on_face(face, trial, there)
     for i in range(y.size):
         y[i] = (1.0 - low) * y[i] + low * end[i]
     return float(weight) if low == 1.0 else 0.0
@@ -240,37 +237,37 @@ def _climb_border(face: Any, aim: Any, rules: Any, y: Any, w: Any, room: Any) ->
 
 @internal
 def search_sets(
-    count: int, climbs: Any, aim: Any, floor: float, regions: Any, rules: Any, spots: Any, room: Any
+    count: int, climbs: Any, aim: Any, floor: float, regions: Any, basis: Any, optima: Any, room: Any
 ) -> None:
-    """Improve the spots of `count` climbs in regions with sets larger than points.
+    """Improve the optima of `count` climbs in regions with sets larger than points.
 
     `floor` is the best value known: a region in which no decoy reaches it is skipped. The ascent starts at the best ends of
     lines through the cheapest decision, at the decision that the climb was given, and at the best so far. The lines are the
     same for all climbs in a region: one of them tries them.
     """
-    n_states = rules.basis.shape[0]
+    n_states = basis.shape[0]
     for s in range(count):
         number = climbs.region[s]
         k = regions.size[number]
-        if regions.is_point[number] or _is_hopeless(spots, floor, rules, s):
+        if regions.is_point[number] or _is_hopeless(optima, floor, s):
             continue
         face, best, given = face_of(regions, number, n_states), np.empty(k + 1), np.empty(k + 1)
         locate(regions, number, climbs.actions[s], given)
-        _keep(face, aim, rules, given, 0.0, spots, s, room)
+        _keep(face, aim, basis, given, 0.0, optima, s, room)
         if k == 0:
             continue
         put(given, best)
         member = climbs.decoys[s].copy()
-        if spots.numbers[s, 0] > -np.inf:
-            put(spots.place[s, : k + 1], best)
-            put(spots.nearest[s], member)
+        if optima.value[s] > -np.inf:
+            put(optima.place[s, : k + 1], best)
+            put(optima.nearest[s], member)
         is_given, centre = bool(np.any(given != best)), best.copy()
         found, n_found = np.empty((_STARTS, k + 1)), 0
-        if not _was_known(climbs, spots, s):
-            move_to_cheapest(face, aim, rules.near, centre)
-            n_found = look_around(face, aim, rules, centre, spots.numbers[s, 0], found, room.distance)
-            spots.is_known[s] = True
-        held = _with_equalities(face)
+        if not _had_lines(climbs, optima, s):
+            move_to_cheapest(face, aim, centre)
+            n_found = look_around(face, aim, basis, centre, optima.value[s], found, room.distance)
+            optima.has_lines[s] = True
+        rows = _with_equalities(face)
         for e in range(n_found + 1 + is_given):
             trial, y = best.copy(), member.copy()
             if e < n_found:
@@ -278,17 +275,17 @@ def search_sets(
             elif e > n_found:
                 put(given, trial)
             # Where no belief explains the start, the climb moves it and the known member together.
-            nearest_belief(face, trial, aim.point, rules, NO_ROW, y, room.distance)
+            nearest_belief(face, trial, aim.point, basis, NO_ROW, y, room.distance)
             # From the boundary inward, and from inside to a boundary and along it.
             for _ in range(2):
                 was_on_border = _is_on_border(y, k)
                 if was_on_border:
-                    weight = _climb_border(face, aim, rules, y, trial, room)
-                    _keep(face, aim, rules, trial, weight, spots, s, room)
-                known = max(floor, spots.numbers[s, 0])
-                value, weight = ascend(face, held, aim, rules, trial, y, known, room.distance)
+                    weight = _climb_border(face, aim, basis, y, trial, room)
+                    _keep(face, aim, basis, trial, weight, optima, s, room)
+                known = max(floor, optima.value[s])
+                value, weight = ascend(face, rows, aim, basis, trial, y, known, room.distance)
                 if value > -np.inf:
-                    _keep(face, aim, rules, trial, weight, spots, s, room)
+                    _keep(face, aim, basis, trial, weight, optima, s, room)
                 if was_on_border or not _is_on_border(y, k):
                     break
 

@@ -18,7 +18,7 @@ from inscrutable.kernels.options import inlined, integer, kernel, uncounted, unc
 from inscrutable.kernels.region_climb import (
     ClimbRoom,
     Climbs,
-    Spots,
+    Optima,
     aim_of,
     climb_decoys,
     climb_room,
@@ -33,9 +33,10 @@ from inscrutable.kernels.regions import (
     rows_of,
 )
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
+from inscrutable.tolerances import POLISH, ROW_IN_REACH
 
-NOT_BEGUN, ENDED = -1, -2
-VALUE, POTENTIAL = integer(0), integer(3)  # columns of `Explored.numbers`
+AT_STARTS, AT_NEIGHBOURS, ENDED = integer(0), integer(1), integer(2)
+"""Stages of a search: it climbs from its starts, then in the neighbours of the best regions."""
 _PROMISE = 1.15
 """The largest distance at a climb's end, over that at its start; starts that promise less than is found are skipped."""
 _SET_PROMISE = 1.5
@@ -44,8 +45,10 @@ lotteries over four to eight states and fewer assets lose up to 19 %; with 2.5 t
 _PROMISE_AT_PRICE, _SET_PROMISE_AT_PRICE = 1.015, 1.2
 """The same at a price, where starts already stand at their best budget: nothing is lost on 430 beliefs of X = 2, 3, 4. With
 1.05 for sets, 5 of 540 lotteries lose up to 6 %; with 1.5, two gain and one loses up to 2 %."""
-BEST, FAR = integer(0), integer(1)
-"""Sources of climbs: an entry's best decision, and its farthest belief's; then the beliefs of freed rows."""
+BEST, FAR, FREED = integer(0), integer(1), integer(2)
+"""Sources of climbs, rows of `Turn.decoys`: the best decision of a region, its farthest belief, and from FREED on the beliefs
+of freed rows."""
+NO_START = integer(-1)
 _UNMET = 1e6  # below all distances: rows that are zero at no belief of a decision come last
 _INWARD = (0.01, 0.001)
 """A climb beyond a row starts this share of the way from the decision on the row to the belief: where the budget is spent and
@@ -69,33 +72,31 @@ class Starts(NamedTuple):
     region: Any  # (n,)
     decoys: Any  # (n,X)
     actions: Any  # (n,U)
-    promise: Any  # (n,) no more than this is expected of a start; before its search, what is added to that
+    bonus: Any  # (n,) is added to the promise of a start: it comes earlier, and is not skipped
+    promise: Any  # (n,) no larger value is expected of a start; filled by its search
     order: Any  # (n,) the starts of each belief, the most promising first; filled by its search
 
 
 class Explored(NamedTuple):
-    """The best decisions of the regions that a search visited, C at most, and its state.
+    """The best decisions of the regions that the searches of T beliefs visited, C at most each, and their states.
 
     Where consistent sets are larger than points a region has an entry for each orthant in which climbs ended.
     """
 
-    stage: Any  # (T,) how many regions may still be left without gain, NOT_BEGUN or ENDED
+    stage: Any  # (T,) AT_STARTS, AT_NEIGHBOURS or ENDED
+    patience: Any  # (T,) how many more regions may have neighbours without gain before the search ends
     n_missing: Any  # (T,) regions that must be made before the search goes on
     missing: Any  # (T,P,2) region and row whose other side each is
     n_begun: Any  # (T,) starts looked at
-    before: Any  # (T,2) the best value and potential before the last region's neighbours were climbed
-    count: Any  # (T,)
+    value_before: Any  # (T,) the best value before the last region's neighbours were climbed
+    potential_before: Any  # (T,) the best potential then
+    count: Any  # (T,) entries
     region: Any  # (T,C)
     orthant: Any  # (T,C) of the farthest belief, seen from the aim's point; 0 where consistent sets are points
-    numbers: Any  # (T,C,5) value, privacy, regret, potential, price
-    nearest: Any  # (T,C,X)
-    place: Any  # (T,C,M)
-    far: Any  # (T,C,X)
-    far_place: Any  # (T,C,M)
-    expanded: Any  # (T,C)
-    is_known: Any  # (T,C) whether lines through the region's cheapest decision were looked at
+    optima: Optima  # of the entries, (T,C,…)
+    expanded: Any  # (T,C) whether the neighbours were climbed
     n_tried: Any  # (T,)
-    tried: Any  # (T,Q)
+    tried: Any  # (T,Q,2) regions that were climbed, each with the `_way` into it
 
 
 class Turn(NamedTuple):
@@ -103,13 +104,14 @@ class Turn(NamedTuple):
 
     n_climbs: Any  # (1,)
     region: Any  # (P,)
-    source: Any  # (P,) BEST, FAR, those behind them, or −1 − s for start s
+    start: Any  # (P,) the start of each climb, or NO_START
+    source: Any  # (P,) where that is NO_START
     decoys: Any  # (2+X,X) of the sources
-    actions: Any  # (2,U) at BEST and FAR; those behind them have the first
+    actions: Any  # (2,U) at BEST and FAR; freed rows have the first
     climbs: Climbs
-    spots: Spots
-    values: Any  # (R,)
-    order: Any  # (R,)
+    optima: Optima
+    values: Any  # (R,) sign × distance of the best members at which a tight row's multiplier is zero
+    order: Any  # (R,) of these
     members: Any  # (R,X)
     climb: ClimbRoom
 
@@ -122,32 +124,25 @@ def _turn_room(n_states: int, n_actions: int, n_rows: int, most: int) -> Turn:
         np.empty(most, dtype=number), np.empty((most, n_states)), np.empty((most, n_states)),
         np.empty((most, n_actions)), np.empty(most, dtype=np.bool_),
     )  # fmt: skip
-    spots = Spots(
-        np.empty((most, 5)), np.empty((most, n_states)), np.empty((most, size)), np.empty((most, n_states)),
-        np.empty((most, size)), np.empty(most, dtype=np.bool_),
+    optima = Optima(
+        np.empty(most), np.empty(most), np.empty(most), np.empty(most), np.empty((most, n_states)),
+        np.empty((most, size)), np.empty(most), np.empty((most, n_states)), np.empty((most, size)),
+        np.empty(most, dtype=np.bool_),
     )  # fmt: skip
     return Turn(
         np.zeros(1, dtype=number), np.empty(most, dtype=number), np.empty(most, dtype=number),
-        np.empty((FAR + 1 + n_states, n_states)), np.empty((FAR + 1, n_actions)), climbs, spots, np.empty(n_rows),
-        np.empty(n_rows, dtype=number), np.empty((n_rows, n_states)), climb_room(n_states, n_actions, n_rows),
+        np.empty(most, dtype=number), np.empty((FREED + n_states, n_states)), np.empty((FREED, n_actions)), climbs,
+        optima, np.empty(n_rows), np.empty(n_rows, dtype=number), np.empty((n_rows, n_states)),
+        climb_room(n_states, n_actions, n_rows),
     )  # fmt: skip
 
 
-class Tolerances(NamedTuple):
-    """The search's own tolerances, besides those of a climb."""
-
-    polish: float  # a start must promise this much more than is found
-    reach: float  # a row is nearly active up to this slack or multiplier
-    bound: float  # a coordinate this near to its own bound is put on it
-    patience: int  # regions whose neighbours may bring no gain before a search ends
-
-
 @uncounted
-def _top(reached: Any, t: int, what: int) -> float:
-    """The largest VALUE or POTENTIAL of the entries."""
+def _largest(numbers: Any, count: int) -> float:
+    """The largest of the first `count` numbers, −∞ of none."""
     top = -np.inf
-    for e in range(reached.count[t]):
-        top = max(top, reached.numbers[t, e, what])
+    for e in range(count):
+        top = max(top, numbers[e])
     return top
 
 
@@ -161,11 +156,9 @@ def _orthant(belief: Any, point: Any) -> int:
 
 
 @inlined
-def _record(reached: Any, t: int, place_of: tuple[int, int], spots: Any, s: int) -> None:
+def _record(reached: Any, t: int, number: int, orthant: int, optima: Any, s: int) -> None:
     """Keep the best decision of each region and orthant; where there is no room the worst is dropped."""
-    number, orthant = place_of
-    numbers, nearest, place, far, far_place, is_known = spots
-    value, potential = numbers[s, 0], numbers[s, 3]
+    kept, value, potential = reached.optima, optima.value[s], optima.potential[s]
     is_nearest = not potential > value
     potential = max(value, potential)
     if not potential > -np.inf:
@@ -174,61 +167,60 @@ def _record(reached: Any, t: int, place_of: tuple[int, int], spots: Any, s: int)
     for other in range(reached.count[t]):
         if reached.region[t, other] == number and reached.orthant[t, other] == orthant:
             e = other
-        if worst < 0 or reached.numbers[t, other, 0] < reached.numbers[t, worst, 0]:
+        if worst < 0 or kept.value[t, other] < kept.value[t, worst]:
             worst = other
     if e < 0:
         e = worst
         if reached.count[t] < reached.region.shape[1]:
             e = reached.count[t]
             reached.count[t] += 1
-        reached.expanded[t, e], reached.is_known[t, e] = False, False
+        reached.expanded[t, e], kept.has_lines[t, e] = False, False
         reached.region[t, e], reached.orthant[t, e] = number, orthant
-        reached.numbers[t, e, 0], reached.numbers[t, e, 3] = -np.inf, -np.inf
-    reached.is_known[t, e] = reached.is_known[t, e] or is_known[s]
-    if value > reached.numbers[t, e, 0]:
-        for c in (0, 1, 2, 4):
-            reached.numbers[t, e, c] = numbers[s, c]
-        put(nearest[s], reached.nearest[t, e])
-        put(place[s], reached.place[t, e])
-    if potential > reached.numbers[t, e, 3]:
-        reached.numbers[t, e, 3] = potential
-        put(nearest[s] if is_nearest else far[s], reached.far[t, e])
-        put(place[s] if is_nearest else far_place[s], reached.far_place[t, e])
+        kept.value[t, e], kept.potential[t, e] = -np.inf, -np.inf
+    kept.has_lines[t, e] = kept.has_lines[t, e] or optima.has_lines[s]
+    if value > kept.value[t, e]:
+        kept.value[t, e], kept.privacy[t, e] = value, optima.privacy[s]
+        kept.regret[t, e], kept.price[t, e] = optima.regret[s], optima.price[s]
+        put(optima.nearest[s], kept.nearest[t, e])
+        put(optima.place[s], kept.place[t, e])
+    if potential > kept.potential[t, e]:
+        kept.potential[t, e] = potential
+        put(optima.nearest[s] if is_nearest else optima.far[s], kept.far[t, e])
+        put(optima.place[s] if is_nearest else optima.far_place[s], kept.far_place[t, e])
 
 
 @uncounted
-def _key(region: int, source: int, decoy: Any, point: Any) -> int:
-    """Number of what is tried only once: a region, from the best decision of a neighbour, or from an orthant of farthest
-    beliefs or of those of freed rows. Where these count as one, 1 of 800 decisions over three states loses 7 %."""
-    kind = 0 if source == BEST else 1 + 2 * _orthant(decoy, point) + (source > FAR)
-    return int(region * 2 ** (point.size + 2) + kind)
+def _way(source: int, decoy: Any, point: Any) -> int:
+    """Number of a way into a region: 0 from the best decision of a neighbour; 1, 3, 5, … from farthest beliefs in each
+    orthant; 2, 4, 6, … from beliefs of freed rows. Where all are one way, 1 of 800 decisions over three states loses 7 %."""
+    return 0 if source == BEST else 1 + 2 * _orthant(decoy, point) + (1 if source >= FREED else 0)
 
 
 @inlined
-def _is_new(reached: Any, t: int, number: int) -> bool:
-    """Mark a start in a region as tried; False where it was, or where no room is left: the search ends after this turn."""
+def _is_new(reached: Any, t: int, region: int, way: int) -> bool:
+    """Mark a way into a region as tried; False where it was, or where no room is left: the search ends after this turn."""
     count = reached.n_tried[t]
     for other in range(count):
-        if reached.tried[t, other] == number:
+        if reached.tried[t, other, 0] == region and reached.tried[t, other, 1] == way:
             return False
     if count == reached.tried.shape[1]:
         reached.stage[t] = ENDED
         return False
-    reached.tried[t, count] = number
+    reached.tried[t, count, 0], reached.tried[t, count, 1] = region, way
     reached.n_tried[t] += 1
     return True
 
 
 @uncounted
-def _ask_in(turn: Any, number: int, source: int) -> None:
-    """Ask for a climb in a region."""
+def _ask_in(turn: Any, number: int, source: int, start: int) -> None:
+    """Ask for a climb in a region, from a source or a start."""
     j = turn.n_climbs[0]
-    turn.region[j], turn.source[j] = number, source
+    turn.region[j], turn.source[j], turn.start[j] = number, source, start
     turn.n_climbs[0] += 1
 
 
 @uncounted
-def _ask(regions: Any, number: int, row: int, source: int, t: int, search: Any) -> int:
+def _ask(regions: Any, number: int, row: int, source: int, t: int, search: Any) -> None:
     """Ask for a climb in the region beyond a row, or for that region where it is missing."""
     reached, turn = search
     other = regions.beyond[number, row]
@@ -236,31 +228,28 @@ def _ask(regions: Any, number: int, row: int, source: int, t: int, search: Any) 
         j = reached.n_missing[t]
         reached.missing[t, j, 0], reached.missing[t, j, 1] = number, row
         reached.n_missing[t] += 1
-        return UNKNOWN
-    _ask_in(turn, other, source)
-    return int(other)
+    else:
+        _ask_in(turn, other, source, NO_START)
 
 
 @uncounted
-def _ask_at_corner(
-    regions: Any, number: int, limits: Any, w: Any, belief: Any, source: int, t: int, search: Any
-) -> None:
+def _ask_at_corner(regions: Any, number: int, w: Any, belief: Any, source: int, t: int, search: Any) -> None:
     """Ask for the regions beyond the rows whose multiplier or slack is zero at a decision and a belief that explains it."""
     n_states, first = belief.size, regions.n_set_rows[number]
     rows = rows_of(regions, number, n_states)
     if has_multipliers(regions, number, n_states):
         for r in range(regions.n_observable[number]):
-            if row_value(rows[n_states + r], belief, w) <= limits.reach:
+            if row_value(rows[n_states + r], belief, w) <= ROW_IN_REACH:
                 _ask(regions, number, regions.observable[number, r], source, t, search)
     for row in range(regions.tight.shape[1]):
         if not regions.tight[number, row]:
-            if row_value(rows[first], belief, w) <= limits.reach:
+            if row_value(rows[first], belief, w) <= ROW_IN_REACH:
                 _ask(regions, number, row, source, t, search)
             first += 1
 
 
 @inlined
-def _ask_for_freed(regions: Any, number: int, aim: Any, rules: Any, w: Any, t: int, search: Any) -> None:
+def _ask_for_freed(regions: Any, number: int, aim: Any, basis: Any, w: Any, t: int, search: Any) -> None:
     """Where the set of a decision is larger than a point: ask for the few tight rows that lead to the best members if freed.
 
     One row a state: with three 1 of 22 decisions over eight states loses 2 %, and lotteries over six states up to 6 %; with
@@ -269,10 +258,10 @@ def _ask_for_freed(regions: Any, number: int, aim: Any, rules: Any, w: Any, t: i
     those rows.
     """
     _, turn = search
-    n_states, n_observable, far = rules.basis.shape[0], regions.n_observable[number], turn.decoys[FAR]
+    n_states, n_observable, far = basis.shape[0], regions.n_observable[number], turn.decoys[FAR]
     face = face_of(regions, number, n_states)
     for r in range(n_observable):
-        distance = nearest_belief(face, w, aim.point, rules, n_states + r, turn.members[r], turn.climb.distance)
+        distance = nearest_belief(face, w, aim.point, basis, n_states + r, turn.members[r], turn.climb.distance)
         turn.values[r] = aim.sign * distance
         if not distance < np.inf:
             put(far, turn.members[r])
@@ -280,8 +269,8 @@ def _ask_for_freed(regions: Any, number: int, aim: Any, rules: Any, w: Any, t: i
     put_descending(turn.values[:n_observable], turn.order)
     for j in range(min(n_states, n_observable)):
         r = turn.order[j]
-        put(turn.members[r], turn.decoys[FAR + 1 + j])
-        _ask(regions, number, regions.observable[number, r], FAR + 1 + j, t, search)
+        put(turn.members[r], turn.decoys[FREED + j])
+        _ask(regions, number, regions.observable[number, r], FREED + j, t, search)
 
 
 @inlined
@@ -294,55 +283,56 @@ def _ask_beyond_all(regions: Any, number: int, t: int, search: Any) -> None:
 @inlined
 def _next(reached: Any, t: int) -> int:
     """The entry of largest potential that is not expanded yet; −1 where there is none."""
-    e = -1
+    e, potential = -1, reached.optima.potential[t]
     for other in range(reached.count[t]):
-        if not reached.expanded[t, other] and (e < 0 or reached.numbers[t, other, 3] > reached.numbers[t, e, 3]):
+        if not reached.expanded[t, other] and (e < 0 or potential[other] > potential[e]):
             e = other
     return e
 
 
 @inlined
-def _ask_around(regions: Any, aim: Any, rules: Any, limits: Any, t: int, search: Any) -> None:
+def _ask_around(regions: Any, aim: Any, basis: Any, t: int, search: Any) -> None:
     """Ask for the neighbours of the best region not searched yet; nothing is asked where the search has ended."""
     reached, turn = search
+    found = reached.optima
     e = _next(reached, t)
     if e < 0:
         reached.stage[t] = ENDED
         return
-    n_states = rules.basis.shape[0]
+    n_states = basis.shape[0]
     number = reached.region[t, e]
     size, is_point = regions.size[number] + 1, regions.is_point[number]
-    w, v, far = reached.place[t, e, :size], reached.far_place[t, e, :size], turn.decoys[FAR]
-    put(reached.far[t, e], far)
-    decision_in(regions, number, v, limits.bound, turn.actions[FAR])
+    w, v, far = found.place[t, e, :size], found.far_place[t, e, :size], turn.decoys[FAR]
+    put(found.far[t, e], far)
+    decision_in(regions, number, v, turn.actions[FAR])
     put(turn.actions[FAR], turn.actions[BEST])
     is_set = aim.sign > 0.0 and not is_point
-    if reached.numbers[t, e, 0] > -np.inf:
+    if found.value[t, e] > -np.inf:
         nearest = turn.decoys[BEST]
-        put(reached.nearest[t, e], nearest)
-        decision_in(regions, number, w, limits.bound, turn.actions[BEST])
+        put(found.nearest[t, e], nearest)
+        decision_in(regions, number, w, turn.actions[BEST])
         if not has_multipliers(regions, number, n_states):
             _ask_beyond_all(regions, number, t, search)
         elif not is_point and not is_set:
-            _ask_for_freed(regions, number, aim, rules, w, t, search)
-        _ask_at_corner(regions, number, limits, w, nearest, BEST, t, search)
+            _ask_for_freed(regions, number, aim, basis, w, t, search)
+        _ask_at_corner(regions, number, w, nearest, BEST, t, search)
     if is_set:
-        _ask_at_corner(regions, number, limits, v, far, FAR, t, search)
+        _ask_at_corner(regions, number, v, far, FAR, t, search)
         if has_multipliers(regions, number, n_states):
-            _ask_for_freed(regions, number, aim, rules, v, t, search)
+            _ask_for_freed(regions, number, aim, basis, v, t, search)
     if reached.n_missing[t] > 0:
         return
     reached.expanded[t, e] = True
-    _is_new(reached, t, _key(number, BEST, far, aim.point))
+    _is_new(reached, t, number, _way(BEST, far, aim.point))
     count, turn.n_climbs[0] = turn.n_climbs[0], 0
     for j in range(count):
         region, source = turn.region[j], turn.source[j]
-        if _is_new(reached, t, _key(region, source, turn.decoys[source], aim.point)):
-            _ask_in(turn, region, source)
+        if _is_new(reached, t, region, _way(source, turn.decoys[source], aim.point)):
+            _ask_in(turn, region, source, NO_START)
 
 
 @inlined
-def _put_starts_in_order(starts: Any, aim: Any, regions: Any, rules: Any, t: int, room: Any) -> None:
+def _put_starts_in_order(starts: Any, aim: Any, regions: Any, basis: Any, t: int, room: Any) -> None:
     """Bound the values that climbs may reach from the starts of a belief, and sort the starts by it, the largest first."""
     n_states, first = aim.point.size, starts.first[t]
     for s in range(first, starts.first[t + 1]):
@@ -350,11 +340,12 @@ def _put_starts_in_order(starts: Any, aim: Any, regions: Any, rules: Any, t: int
         w = room.place[: regions.size[number] + 1]
         locate(regions, number, starts.actions[s], w)
         face = face_of(regions, number, n_states)
+        starts.promise[s] = starts.bonus[s]
         # Toward a target nothing is better than the target itself.
         if aim.sign > 0.0:
             distance, on_set = np.inf, not regions.is_point[number]
             if on_set:
-                distance = nearest_belief(face, w, aim.point, rules, NO_ROW, room.member, room.distance)
+                distance = nearest_belief(face, w, aim.point, basis, NO_ROW, room.member, room.distance)
             if not distance < np.inf:
                 distance = 0.0
                 for i in range(n_states):
@@ -375,40 +366,39 @@ def _put_starts_in_order(starts: Any, aim: Any, regions: Any, rules: Any, t: int
 
 
 @inlined
-def _ask_for_starts(starts: Any, limits: Any, top: float, reached: Any, t: int, turn: Any) -> None:
+def _ask_for_starts(starts: Any, top: float, reached: Any, t: int, turn: Any) -> None:
     """Ask for the next starts that promise more than is found: one, then three times as many as before."""
     first, last = starts.first[t], starts.first[t + 1]
     s, room = first + reached.n_begun[t], max(1, 3 * reached.n_begun[t])
     while s < last and turn.n_climbs[0] < room:
         start = starts.order[s]
-        if starts.promise[start] > top + limits.polish:
-            _ask_in(turn, starts.region[start], -1 - start)
+        if starts.promise[start] > top + POLISH:
+            _ask_in(turn, starts.region[start], BEST, start)
         s += 1
     reached.n_begun[t] = s - first
 
 
 @uncounted
-def _plan(aim: Any, regions: Any, starts: Any, rules: Any, limits: Any, t: int, search: Any) -> None:
+def _plan(aim: Any, regions: Any, starts: Any, basis: Any, patience: int, t: int, search: Any) -> None:
     """Ask for the climbs of the next turn: none where regions are missing for it, and where the search has ended."""
     reached, turn = search
     turn.n_climbs[0], reached.n_missing[t] = 0, 0
-    top = _top(reached, t, VALUE)
-    if reached.stage[t] == NOT_BEGUN:
+    top = _largest(reached.optima.value[t], reached.count[t])
+    if reached.stage[t] == AT_STARTS:
         if reached.n_begun[t] == 0:
-            _put_starts_in_order(starts, aim, regions, rules, t, turn.climb)
-        _ask_for_starts(starts, limits, top, reached, t, turn)
+            _put_starts_in_order(starts, aim, regions, basis, t, turn.climb)
+        _ask_for_starts(starts, top, reached, t, turn)
         if turn.n_climbs[0] > 0:
             return
-        reached.stage[t] = limits.patience
-    potential = _top(reached, t, POTENTIAL)
-    gains = top > reached.before[t, 0] or potential > reached.before[t, 1] + limits.polish
-    if gains and reached.stage[t] != ENDED:
-        reached.stage[t] = limits.patience
-    reached.before[t, 0], reached.before[t, 1] = top, potential
-    while reached.stage[t] > 0 and turn.n_climbs[0] == 0 and reached.n_missing[t] == 0:
-        _ask_around(regions, aim, rules, limits, t, search)
-        if reached.n_missing[t] == 0 and reached.stage[t] > 0:
-            reached.stage[t] -= 1
+        reached.stage[t], reached.patience[t] = AT_NEIGHBOURS, patience
+    potential = _largest(reached.optima.potential[t], reached.count[t])
+    if top > reached.value_before[t] or potential > reached.potential_before[t] + POLISH:
+        reached.patience[t] = patience
+    reached.value_before[t], reached.potential_before[t] = top, potential
+    while reached.stage[t] != ENDED and reached.patience[t] > 0 and turn.n_climbs[0] == 0 and reached.n_missing[t] == 0:
+        _ask_around(regions, aim, basis, t, search)
+        if reached.n_missing[t] == 0:
+            reached.patience[t] -= 1
     if reached.n_missing[t] > 0:
         turn.n_climbs[0] = 0
     elif turn.n_climbs[0] == 0:
@@ -421,15 +411,15 @@ def _begin_climbs(starts: Any, belief: Any, t: int, search: Any) -> None:
     reached, turn = search
     climbs = turn.climbs
     for j in range(turn.n_climbs[0]):
-        number, source = turn.region[j], turn.source[j]
-        climbs.region[j], climbs.is_known[j] = number, False
+        number, source, start = turn.region[j], turn.source[j], turn.start[j]
+        climbs.region[j], climbs.has_lines[j] = number, False
         for e in range(reached.count[t]):
-            if reached.region[t, e] == number and reached.is_known[t, e]:
-                climbs.is_known[j] = True
-        if source < 0:
-            put(starts.decoys[-1 - source], climbs.decoys[j])
-            put(starts.decoys[-1 - source], climbs.others[j])
-            put(starts.actions[-1 - source], climbs.actions[j])
+            if reached.region[t, e] == number and reached.optima.has_lines[t, e]:
+                climbs.has_lines[j] = True
+        if start != NO_START:
+            put(starts.decoys[start], climbs.decoys[j])
+            put(starts.decoys[start], climbs.others[j])
+            put(starts.actions[start], climbs.actions[j])
         else:
             put(turn.actions[FAR if source == FAR else BEST], climbs.actions[j])
             for i in range(belief.size):
@@ -440,46 +430,51 @@ def _begin_climbs(starts: Any, belief: Any, t: int, search: Any) -> None:
 
 @deferred(kernel)
 def search_regions(
-    steps: Any, aims: Any, regions: Any, starts: Any, rules: Any, limits: Any, reached: Any, most: int
+    steps: Any, aims: Any, regions: Any, starts: Any, basis: Any, patience: int, reached: Any, most: int
 ) -> None:
-    """Search for beliefs `steps` (n,), each until it has ended or asks for regions that are missing; `most` climbs a turn."""
+    """Search for beliefs `steps` (n,), each until it has ended or asks for regions that are missing; `most` climbs a turn.
+
+    A search ends after `patience` regions whose neighbours bring no gain.
+    """
     # Where tight rows depend on one another, their cone of multipliers may have more facets than there are rows.
     n_rows = max(regions.tight.shape[1], regions.n_set_rows.max())
-    turn = _turn_room(rules.basis.shape[0], regions.bounds[0].size, n_rows, most)
+    turn = _turn_room(basis.shape[0], regions.bounds[0].size, n_rows, most)
     search = (reached, turn)
-    climbs, spots = turn.climbs, turn.spots
+    climbs, optima = turn.climbs, turn.optima
     for t in steps:
-        aim = aim_of(aims, t, rules)
+        aim = aim_of(aims, t)
         while True:
-            _plan(aim, regions, starts, rules, limits, t, search)
+            _plan(aim, regions, starts, basis, patience, t, search)
             count = turn.n_climbs[0]
             if count == 0:
                 break
             _begin_climbs(starts, aim.belief, t, search)
-            climb_decoys(count, climbs, aim, regions, rules, spots, turn.climb)
+            climb_decoys(count, climbs, aim, regions, basis, optima, turn.climb)
             if aim.sign > 0.0:
                 # No set is farther than its members: regions whose decoys are not worth as much are left out.
-                floor = _top(reached, t, VALUE)
-                search_sets(count, climbs, aim, floor, regions, rules, spots, turn.climb)
+                floor = _largest(reached.optima.value[t], reached.count[t])
+                search_sets(count, climbs, aim, floor, regions, basis, optima, turn.climb)
             for j in range(count):
                 number = climbs.region[j]
-                orthant = 0 if regions.is_point[number] else _orthant(spots.far[j], aim.point)
-                _record(reached, t, (number, orthant), spots, j)
+                orthant = 0 if regions.is_point[number] else _orthant(optima.far[j], aim.point)
+                _record(reached, t, number, orthant, optima, j)
 
 
 @deferred(kernel)
-def best_starts(low: int, high: int, aims: Any, table: Any, axes: Any, n_regions: int, chosen: Any, ends: Any) -> None:
-    """Fill, for beliefs low..high, the candidates `chosen` (index (T,S), value (T,S), n (T,)) that are the best of their region
-    and orthant, in order, −1 behind the last; how many are affordable, or at a price have a positive value; and the best
-    `ends` (T,Q,X) of the budget, one an orthant, NaN where there is none.
+def best_starts(
+    low: int, high: int, aims: Any, table: Any, axes: Any, n_regions: int, chosen: Any, n_worth: Any, ends: Any
+) -> None:
+    """Fill, for beliefs low..high, the numbers `chosen` (T,S) of the candidates that are the best of their region and orthant,
+    in order, −1 behind the last; how many candidates `n_worth` (T,) are affordable, or at a price have a positive value; and
+    the best `ends` (T,Q,X) of the budget, one an orthant, NaN where there is none.
 
     Distances are those in the directions `axes` (X,A), and orthants those of the first few. An end is where √ρ, taken as
     linear on the ray to a candidate that is too dear, meets the budget.
     """
-    index, values, n_worth = chosen
     costs, decoys, region, places = table.costs, table.decoys, table.region, table.places
     n_states, n_orthants = aims.beliefs.shape[1], ends.shape[1]
     best, which = np.empty((n_regions, n_orthants)), np.empty((n_regions, n_orthants), dtype=np.int64)
+    values = np.empty(chosen.shape[1])
     far, n_signs = np.empty(n_orthants), int(np.log2(n_orthants))
     origin, home = np.empty(axes.shape[1]), np.empty(axes.shape[1])
     for t in range(low, high):
@@ -521,12 +516,12 @@ def best_starts(low: int, high: int, aims: Any, table: Any, axes: Any, n_regions
             if value > best[region[d], orthant]:
                 best[region[d], orthant] = value
                 which[region[d], orthant] = d
-        _in_order(best, which, index[t], values[t])
+        _put_largest(best, which, chosen[t], values)
 
 
 @inlined
-def _in_order(best: Any, which: Any, index: Any, values: Any) -> None:
-    """The largest of `best`, in order."""
+def _put_largest(best: Any, which: Any, index: Any, values: Any) -> None:
+    """Fill the numbers `which` (f,o) of the largest of `best` (f,o), in order, and these `values`."""
     index[:] = -1
     values[:] = -np.inf
     last = index.size - 1
@@ -542,9 +537,9 @@ def _in_order(best: Any, which: Any, index: Any, values: Any) -> None:
 
 
 @deferred(uncounted_kernel)
-def read_actions(steps: Any, entries: Any, regions: Any, limits: Any, reached: Any, actions: Any) -> None:
+def read_actions(steps: Any, entries: Any, regions: Any, reached: Any, actions: Any) -> None:
     """Fill the decisions (n,U) of entries (n,) of beliefs (n,)."""
     for j in range(steps.size):
         t, e = steps[j], entries[j]
         number = reached.region[t, e]
-        decision_in(regions, number, reached.place[t, e, : regions.size[number] + 1], limits.bound, actions[j])
+        decision_in(regions, number, reached.optima.place[t, e, : regions.size[number] + 1], actions[j])

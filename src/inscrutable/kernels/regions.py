@@ -86,10 +86,10 @@ def locate(regions: Any, number: int, action: Any, w: Any) -> None:
 
 
 @uncounted
-def decision_in(regions: Any, number: int, w: Any, near: float, action: Any) -> None:
-    """Fill the decision (U,) at w; what is within `near` of a bound is put on it."""
+def decision_in(regions: Any, number: int, w: Any, action: Any) -> None:
+    """Fill the decision (U,) at w."""
     origin, span = chart_of(regions, number)
-    place_on_face(origin, span, regions.bounds, near, w, action)
+    place_on_face(origin, span, regions.bounds, w, action)
 
 
 @uncounted

@@ -15,6 +15,7 @@ from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.options import inlined, integer, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.projection import project_in, room_for
 from inscrutable.kernels.rounding import FLAT
+from inscrutable.tolerances import EXPLAINED, ON_FACE, RANK, SAME_BELIEF
 
 NO_ROW = integer(-1)
 
@@ -55,9 +56,9 @@ def distance_room(n_states: int, n_free: int, n_rows: int) -> DistanceRoom:
 
 
 @inlined
-def _equalities(face: Any, w: Any, rules: Any, room: Any) -> int:
+def _equalities(face: Any, w: Any, basis: Any, room: Any) -> int:
     """Orthonormal rows of G'π = 0 in the reduced coordinates; −1 where they contradict each other."""
-    n_states, n = rules.basis.shape
+    n_states, n = basis.shape
     k = w.size - 1
     used, work, right = room.active, room.equations, room.right
     for a in range(k):
@@ -72,13 +73,13 @@ def _equalities(face: Any, w: Any, rules: Any, room: Any) -> int:
         for c in range(n):
             total = 0.0
             for i in range(n_states):
-                total += rules.basis[i, c] * room.coefficients[i]
+                total += basis[i, c] * room.coefficients[i]
             work[a, c] = total
     for a in range(k):
         used[a] = False
     n_equal = 0
     while n_equal < n:
-        largest, which = rules.rank * face.scale, -1
+        largest, which = RANK * face.scale, -1
         for a in range(k):
             if not used[a]:
                 length = 0.0
@@ -103,18 +104,18 @@ def _equalities(face: Any, w: Any, rules: Any, room: Any) -> int:
                 right[a] -= total * room.sides[n_equal]
         n_equal += 1
     for a in range(k):
-        if not used[a] and abs(right[a]) > rules.explained * face.scale:
+        if not used[a] and abs(right[a]) > EXPLAINED * face.scale:
             return -1
     return n_equal
 
 
 @inlined
-def _inequalities(face: Any, w: Any, rules: Any, n_equal: int, reversed_row: int, room: Any) -> int:
+def _inequalities(face: Any, w: Any, basis: Any, n_equal: int, reversed_row: int, room: Any) -> int:
     """Unit rows of Σ π_i R_ri·w ≥ 0 from `n_equal` on, and which r each is; returns where they end, −1 where one is broken.
 
     The row `reversed_row` comes once more, with its sign reversed: it is zero then.
     """
-    n_states, n = rules.basis.shape
+    n_states, n = basis.shape
     last = n_equal
     for j in range(face.n_set_rows + (reversed_row >= 0)):
         r, sign = j, 1.0
@@ -134,12 +135,12 @@ def _inequalities(face: Any, w: Any, rules: Any, n_equal: int, reversed_row: int
         for c in range(n):
             total = 0.0
             for i in range(n_states):
-                total += rules.basis[i, c] * room.coefficients[i]
+                total += basis[i, c] * room.coefficients[i]
             room.units[last, c] = total
             length += total * total
         length = np.sqrt(length)
         if length <= FLAT:
-            if mean < -rules.explained:
+            if mean < -EXPLAINED:
                 return -1
             continue
         for c in range(n):
@@ -151,26 +152,26 @@ def _inequalities(face: Any, w: Any, rules: Any, n_equal: int, reversed_row: int
 
 
 @uncounted_kernel
-def nearest_belief(face: Any, w: Any, point: Any, rules: Any, reversed_row: int, out: Any, room: Any) -> float:
+def nearest_belief(face: Any, w: Any, point: Any, basis: Any, reversed_row: int, out: Any, room: Any) -> float:
     """Fill `out` with the consistent belief nearest to `point` (X,) and return its distance; infinite where there is none.
 
     `reversed_row` is a row of the set that shall be zero, or NO_ROW. `room.active` says which equations and rows hold the
     belief there.
     """
-    n_states, n = rules.basis.shape
+    n_states, n = basis.shape
     k, active, z = w.size - 1, room.active, room.place
-    n_equal = _equalities(face, w, rules, room)
+    n_equal = _equalities(face, w, basis, room)
     if n_equal < 0:
         return np.inf
-    last = _inequalities(face, w, rules, n_equal, reversed_row, room)
+    last = _inequalities(face, w, basis, n_equal, reversed_row, room)
     if last < 0:
         return np.inf
     for c in range(n):
         total = 0.0
         for i in range(n_states):
-            total += rules.basis[i, c] * (point[i] - 1.0 / n_states)
+            total += basis[i, c] * (point[i] - 1.0 / n_states)
         z[c] = total
-    if not project_in(room.units, room.sides, last, n_equal, rules.on_face, z, room.multipliers, room.projection):
+    if not project_in(room.units, room.sides, last, n_equal, ON_FACE, z, room.multipliers, room.projection):
         return np.inf
     for r in range(face.n_set_rows):
         active[k + r] = False
@@ -181,30 +182,30 @@ def nearest_belief(face: Any, w: Any, point: Any, rules: Any, reversed_row: int,
     for i in range(n_states):
         total = 1.0 / n_states
         for c in range(n):
-            total += rules.basis[i, c] * z[c]
+            total += basis[i, c] * z[c]
         out[i] = total
         square += (total - point[i]) * (total - point[i])
     return float(np.sqrt(square))
 
 
 @deferred(kernel)
-def is_explained_once(face: Any, w: Any, rules: Any, n_rows: int, same: float) -> bool:
-    """Whether one belief alone explains the decision: the consistent beliefs nearest to all corners differ by at most `same`.
+def is_explained_once(face: Any, w: Any, basis: Any, n_rows: int) -> bool:
+    """Whether one belief alone explains the decision: the consistent beliefs nearest to all corners are the same.
 
     `n_rows` is the number of rows of the consistent set.
     """
-    n_states = rules.basis.shape[0]
+    n_states = basis.shape[0]
     room = distance_room(n_states, w.size - 1, n_rows)
     first, found, corner = np.empty(n_states), np.empty(n_states), np.zeros(n_states)
     for i in range(n_states):
         corner[:] = 0.0
         corner[i] = 1.0
-        if nearest_belief(face, w, corner, rules, NO_ROW, found, room) == np.inf:
+        if nearest_belief(face, w, corner, basis, NO_ROW, found, room) == np.inf:
             return False
         if i == 0:
             put(found, first)
         for j in range(n_states):
-            if abs(found[j] - first[j]) > same:
+            if abs(found[j] - first[j]) > SAME_BELIEF:
                 return False
     return True
 

@@ -15,7 +15,7 @@ _STAMP = "kernels.stamp"
 
 def forget_other_sources(sources: Path = _SOURCES) -> None:
     """Delete the kernels cached beside the sources where any source has changed since; errors of the disk are ignored."""
-    # Kernels of the sequential rule read tolerances.
+    # Kernels read tolerances.
     read = [*sources.glob("*.py"), *sources.parent.glob("tolerances.py")]
     facts = [(path.name, path.stat()) for path in sorted(read)]
     found = "\n".join(f"{name} {fact.st_size} {fact.st_mtime_ns}" for name, fact in facts)

@@ -149,7 +149,7 @@ def _status(
         return SensorStatus.TOO_FEW_SYMBOLS
     if excess > _EXCESS:
         return SensorStatus.INCONSISTENT
-    if noise > tolerances.ROUGH_DISTANCE and (_doubtful(steps, groups) > _DOUBTFUL or _drowned(steps, noise)):
+    if noise > tolerances.EXACT_BELIEFS and (_doubtful(steps, groups) > _DOUBTFUL or _drowned(steps, noise)):
         return SensorStatus.OVERLAPPING
     return SensorStatus.IDENTIFIED if scales.is_determined else SensorStatus.SCALES_BY_FREQUENCY
 

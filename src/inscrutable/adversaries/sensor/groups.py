@@ -91,7 +91,7 @@ def without_outlying(steps: FilterSteps, groups: Groups) -> Groups:
 
 def _far(misses: Array) -> np.ndarray:
     """Which steps are outlying."""
-    return np.asarray(misses > _OUTLYING * float(np.median(misses)) + tolerances.ROUGH_DISTANCE)
+    return np.asarray(misses > _OUTLYING * float(np.median(misses)) + tolerances.EXACT_BELIEFS)
 
 
 def moved(steps: FilterSteps, column: Array) -> Array:

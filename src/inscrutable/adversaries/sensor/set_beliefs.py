@@ -33,7 +33,7 @@ def sensor_of_sets(sets: Sequence[BeliefSet], transition: Array, n_symbols: int 
     """Return the sensor estimated from sets that contain the beliefs of a filter, one set per step."""
     n_states = len(transition)
     corners = [_corners(k, each, n_states) for k, each in enumerate(sets)]
-    is_point = np.array([np.ptp(each, axis=0).max() <= tolerances.ROUGH_DISTANCE for each in corners])
+    is_point = np.array([np.ptp(each, axis=0).max() <= tolerances.EXACT_BELIEFS for each in corners])
     points = np.array(
         [
             each.mean(axis=0) if known else np.full(n_states, np.nan)

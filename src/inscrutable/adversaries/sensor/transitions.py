@@ -93,7 +93,7 @@ def proposed(before: Array, held: Array, n_symbols: int, rng: np.random.Generato
         found = np.concatenate([found, transitions[fits]])
         best = np.argsort(scores, kind="stable")[:_KEPT]
         scores, found = scores[best], found[best]
-        if scores[0] <= tolerances.ROUGH_DISTANCE:
+        if scores[0] <= tolerances.EXACT_BELIEFS:
             break
     return [np.clip(each, 0.0, None) / np.clip(each, 0.0, None).sum(axis=1, keepdims=True) for each in found]
 

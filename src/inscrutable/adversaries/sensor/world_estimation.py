@@ -121,9 +121,9 @@ def _guess(
         found = _refined(before, held, candidate, count, told)
         if found is not None and (best is None or found[1].groups.misses.mean() < best[1].groups.misses.mean()):
             best = found
-        if best is not None and best[1].noise <= tolerances.ROUGH_DISTANCE:
+        if best is not None and best[1].noise <= tolerances.EXACT_BELIEFS:
             break
-    if best is not None and told is None and best[1].noise <= tolerances.ROUGH_DISTANCE:
+    if best is not None and told is None and best[1].noise <= tolerances.EXACT_BELIEFS:
         symbols = np.full(len(before), -1)
         symbols[best[2]] = best[1].groups.symbols
         if of_symbols(before, held, symbols)[0] is None:
@@ -146,7 +146,7 @@ def _refined(
             break
         last = symbols
         # All steps of a symbol carry more information than the initial set.
-        if told is None and fit.noise <= tolerances.ROUGH_DISTANCE:
+        if told is None and fit.noise <= tolerances.EXACT_BELIEFS:
             whole, _ = of_symbols(before, held, symbols)
             chain = chain if whole is None else np.maximum(whole, 0.0)
         chain, _ = jointly(before, held, symbols, chain, fit.groups.columns)

@@ -12,8 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from inscrutable import tolerances
+from inscrutable.decision_makers.envelope import best_mixtures
 from inscrutable.decision_makers.results import Progress
 from inscrutable.decision_makers.search.region_search import (
+    FIRST,
     Best,
     SearchSpace,
     SomeStarts,
@@ -163,20 +165,13 @@ class _Block:
 
     def _draw(self, steps: np.ndarray) -> None:
         """Choose the best chord at the budget among the decisions known: A affordable, B not, or A alone."""
-        known, limits = int(self.used.max()), self.aims.limits[steps, None]
+        known, limits = int(self.used.max()), self.aims.limits[steps]
         regrets, privacies = self.regrets[steps, :known], self.privacies[steps, :known]
-        fits, rows = regrets <= limits, np.arange(len(steps))
-        alone = np.where(fits, privacies, -np.inf)
-        left = alone.argmax(axis=1)
-        run = regrets[:, None, :] - regrets[:, :, None]  # from A (axis 1) to B (axis 2)
-        rise = privacies[:, None, :] - np.where(np.isfinite(privacies), privacies, 0.0)[:, :, None]
-        paired = fits[:, :, None] & ~fits[:, None, :] & np.isfinite(privacies)[:, :, None] & (rise > 0.0)
-        share = np.where(paired, (limits - regrets)[:, :, None] / np.where(paired, run, 1.0), 0.0)
-        values = np.where(paired, privacies[:, :, None] + share * np.where(paired, rise, 0.0), -np.inf)
-        best = values.reshape(len(steps), -1).argmax(axis=1)
-        better = values.reshape(len(steps), -1)[rows, best] > alone[rows, left] + tolerances.CHORD
-        self.left[steps] = np.where(better, best // known, left)
-        self.right[steps] = np.where(better, best % known, _NONE)
+        alone = np.where(regrets <= limits[:, None], privacies, -np.inf)
+        found = best_mixtures(regrets, privacies, limits, np.isfinite(privacies))
+        better = found.values > alone.max(axis=1) + tolerances.CHORD
+        self.left[steps] = np.where(better, found.cheap, alone.argmax(axis=1))
+        self.right[steps] = np.where(better, found.dear, _NONE)
 
     def _slopes(self, steps: np.ndarray) -> Array:
         """The slope of each chord; 0 for a decision alone."""
@@ -217,9 +212,9 @@ class _Block:
         gained[which] = True
         return gained
 
-    def _starts(self, rows: np.ndarray, known: tuple[np.ndarray, np.ndarray], added: float = 0.0) -> SomeStarts:
+    def _starts(self, rows: np.ndarray, known: tuple[np.ndarray, np.ndarray], bonus: float = 0.0) -> SomeStarts:
         """Starts of the rows (n,) of a search at decisions known of beliefs, `known` (belief (n,), place (n,))."""
-        return starts_in(rows, self.regions[known], self.decoys[known], self.actions[known], added)
+        return starts_in(rows, self.regions[known], self.decoys[known], self.actions[known], bonus)
 
     def _ends(self, aims: Aims, steps: np.ndarray) -> list[SomeStarts]:
         """Starts at A and B; away from a point also at the decisions of the simplex's corners, the farthest beliefs."""
@@ -230,7 +225,7 @@ class _Block:
             parts.append(starts_in(rows, regions[corner], decoys[corner], actions[corner]))
         for end in (self.left[steps], self.right[steps]):
             there = np.flatnonzero(end != _NONE)
-            parts.append(self._starts(there, (steps[there], end[there]), np.inf))
+            parts.append(self._starts(there, (steps[there], end[there]), FIRST))
         return parts
 
     def lotteries(self) -> Lotteries:

@@ -51,18 +51,20 @@ class Partition:
         n_rows = len(self.problem.constraints.b_ub)
         self._numbers: dict[bytes, int] = {}
         self._programmes: dict[int, FaceProgramme] = {}
-        self._columns = [np.empty(0, dtype=np.int64) for _ in range(7)]
-        self._scale, self._is_point = np.empty(0), np.empty(0, dtype=np.bool_)
-        self._tight = np.empty((0, n_rows), dtype=np.bool_)
-        self._observable, self._beyond = (np.empty((0, n_rows), dtype=np.int64) for _ in range(2))
-        self._flat = [_Flat() for _ in range(3)]
+        self._curves, self._rows, self._charts = _Flat(), _Flat(), _Flat()
+        numbers, table, truths = np.empty(0, np.int64), np.empty((0, n_rows), np.int64), np.empty((0, n_rows), np.bool_)
+        self._table = Regions(
+            size=numbers, n_rows=numbers, n_set_rows=numbers, scale=np.empty(0), is_point=np.empty(0, np.bool_),
+            curve_at=numbers, row_at=numbers, chart_at=numbers, curves=None, rows=None, charts=None, tight=truths,
+            n_observable=numbers, observable=table, beyond=table, bounds=self._bounds,
+        )  # fmt: skip
 
     @contextmanager
     def searched(self, patterns: np.ndarray) -> Iterator[None]:
         """Keep the numbers of regions fixed inside the block. On entry, where no other thread searches and the programmes take
         too much memory, all are deleted and the tight rows `patterns` (n,R) numbered anew."""
         with self._lock:
-            if self._searches == 0 and sum(flat.size for flat in self._flat) > _MOST_FLOATS:
+            if self._searches == 0 and self._curves.size + self._rows.size + self._charts.size > _MOST_FLOATS:
                 self.forget()
                 self.numbers(patterns)
             self._searches += 1
@@ -81,12 +83,7 @@ class Partition:
     def arrays(self) -> Regions:
         """All regions as kernels read them."""
         with self._lock:
-            size, n_rows, n_set_rows, curve_at, row_at, chart_at, n_observable = self._columns
-            curves, rows, charts = (flat.values for flat in self._flat)
-            return Regions(
-                size, n_rows, n_set_rows, self._scale, self._is_point, curve_at, row_at, chart_at, curves, rows, charts,
-                self._tight, n_observable, self._observable, self._beyond, self._bounds,
-            )  # fmt: skip
+            return self._table._replace(curves=self._curves.values, rows=self._rows.values, charts=self._charts.values)
 
     def holding(self, actions: Array) -> np.ndarray:
         """Return the numbers (n,) of the regions in which an observer finds decisions (n,U)."""
@@ -109,20 +106,21 @@ class Partition:
             found = np.empty(len(patterns), dtype=np.int64)
             for i, tight in enumerate(patterns):
                 key = tight.tobytes()
-                number = self._numbers.setdefault(key, len(self._numbers))
-                if number == len(self._scale):
-                    self._grow()
-                if number == len(self._numbers) - 1:
-                    self._tight[number] = tight
-                found[i] = number
+                if key not in self._numbers:
+                    if len(self._numbers) == len(self._table.size):
+                        self._grow()
+                    self._table.tight[len(self._numbers)] = tight
+                    self._numbers[key] = len(self._numbers)
+                found[i] = self._numbers[key]
             return found
 
     def _grow(self) -> None:
-        more = max(64, len(self._scale))
-        self._columns = [_longer(column, more, UNKNOWN) for column in self._columns]
-        self._scale, self._is_point = _longer(self._scale, more, 0), _longer(self._is_point, more, 0)
-        self._tight = _longer(self._tight, more, 0)
-        self._observable, self._beyond = _longer(self._observable, more, UNKNOWN), _longer(self._beyond, more, UNKNOWN)
+        """Make room for as many regions again; their numbers are UNKNOWN."""
+        more = max(64, len(self._table.size))
+        self._table = Regions(*(
+            _longer(column, more, UNKNOWN if column.dtype == np.int64 else 0) if isinstance(column, np.ndarray) else column
+            for column in self._table
+        ))  # fmt: skip
 
     def programme(self, number: int) -> FaceProgramme:
         """Return the programme of a region."""
@@ -132,29 +130,29 @@ class Partition:
     def make(self, numbers: np.ndarray) -> None:
         """Make the programmes of regions that have none yet."""
         with self._lock:
-            for number in sorted(set(numbers[self._columns[0][numbers] == UNKNOWN].tolist())):
-                face = face_programme(self.problem, self._tight[number].copy())
+            table = self._table
+            for number in sorted(set(numbers[table.size[numbers] == UNKNOWN].tolist())):
+                face = face_programme(self.problem, table.tight[number].copy())
                 self._programmes[int(number)] = face
-                places = [flat.size for flat in self._flat]
-                chart = np.concatenate([face.origin, face.span.ravel()])
-                for flat, values in zip(self._flat, (face.curves.ravel(), face.rows.ravel(), chart), strict=True):
-                    flat.append(values)
-                row = (face.span.shape[1], len(face.rows), face.n_set_rows, *places, len(face.observable))
-                for column, value in zip(self._columns, row, strict=True):
-                    column[number] = value
-                self._scale[number], self._is_point[number] = face.scale, face.has_single_beliefs
-                self._observable[number, : len(face.observable)] = face.observable
+                table.size[number], table.n_rows[number] = face.span.shape[1], len(face.rows)
+                table.n_set_rows[number], table.scale[number] = face.n_set_rows, face.scale
+                table.is_point[number] = face.has_single_beliefs
+                table.curve_at[number] = self._curves.append(face.curves)
+                table.row_at[number] = self._rows.append(face.rows)
+                table.chart_at[number] = self._charts.append(np.concatenate([face.origin, face.span.ravel()]))
+                table.n_observable[number] = len(face.observable)
+                table.observable[number, : len(face.observable)] = face.observable
 
     def reach(self, pairs: np.ndarray) -> None:
         """Make the regions beyond rows, given as pairs (n,2) of region and row."""
         with self._lock:
             for number, row in np.unique(pairs, axis=0):
-                if self._beyond[number, row] == UNKNOWN:
-                    other = self._tight[number].copy()
+                if self._table.beyond[number, row] == UNKNOWN:
+                    other = self._table.tight[number].copy()
                     other[row] = not other[row]
-                    beyond = self.numbers(other[None])[0]
-                    self._beyond[number, row], self._beyond[beyond, row] = beyond, number
-                self.make(self._beyond[number, row : row + 1])
+                    beyond = self.numbers(other[None])[0]  # the table may grow
+                    self._table.beyond[number, row], self._table.beyond[beyond, row] = beyond, number
+                self.make(self._table.beyond[number, row : row + 1])
 
 
 class _Flat:
@@ -163,12 +161,13 @@ class _Flat:
     def __init__(self) -> None:
         self.values, self.size = np.empty(1024), 0
 
-    def append(self, added: Array) -> None:
-        """Add numbers behind the last."""
-        if self.size + added.size > self.values.size:
+    def append(self, added: Array) -> int:
+        """Add numbers behind the last; return where they begin."""
+        first, self.size = self.size, self.size + added.size
+        if self.size > self.values.size:
             self.values = _longer(self.values, max(self.values.size, added.size), 0)
-        self.values[self.size : self.size + added.size] = added
-        self.size += added.size
+        self.values[first : self.size] = added.ravel()
+        return first
 
 
 def _longer(values: np.ndarray, more: int, fill: float) -> np.ndarray:
@@ -210,7 +209,7 @@ class FaceProgramme(NamedTuple):
     def action(self, place: Array) -> Array:
         """Return the decision (U,) at coordinates (k,); rounding beside a tight bound is removed."""
         found = np.empty(len(self.origin))
-        place_on_face(self.origin, self.span, self.bounds, tolerances.STATIONARITY, place, found)
+        place_on_face(self.origin, self.span, self.bounds, place, found)
         return found
 
 

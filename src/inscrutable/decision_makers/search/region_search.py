@@ -23,15 +23,13 @@ from inscrutable.decision_makers.search.partition import Partition, face_program
 from inscrutable.geometry.equal_rows import distinct_patterns
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.geometry.low_discrepancy import simplex_cover
-from inscrutable.kernels.climb import Rules
-from inscrutable.kernels.region_climb import Aims
+from inscrutable.kernels.region_climb import Aims, Optima
 from inscrutable.kernels.region_search import (
+    AT_STARTS,
     ENDED,
-    NOT_BEGUN,
     Explored,
     Starts,
     Table,
-    Tolerances,
     best_starts,
     read_actions,
     search_regions,
@@ -54,10 +52,12 @@ _STARTS, _SIGNS = 60, 7  # candidates that a search starts from; directions whos
 with as many assets or fewer lose up to 37 %. With 24 and five 3 of 1,176 over five to eight states lose up to 5.7 %; they
 take a tenth to a third less time from seven states on, and as long over three and four."""
 _MOST_REACHED, _MOST_TRIED = 64, 1024  # regions that a search keeps, and that it may climb
-_FEW, _FARTHEST = 100, 1.5
-"""Number of candidates, and more than any two beliefs are apart: where fewer are affordable no start is skipped, else 40 of
-4,800 decisions over three states lose up to 9 % at a budget of a hundredth, and 190 up to 23 % at a thousandth. With 1,000
-seven of 14,400 gain (one market, up to four times), in 1.25 times the time of many lotteries and 1.5 of many decisions."""
+FIRST, NEVER_SKIPPED = np.inf, tolerances.SIMPLEX_DIAMETER
+"""Bonuses of a start: it comes before all others; it promises more than any distance that is found."""
+_FEW = 100
+"""Where fewer candidates are affordable they tell little about the value at the end of a climb, and no start is skipped:
+else 40 of 4,800 decisions over three states lose up to 9 % at a budget of a hundredth, and 190 up to 23 % at a thousandth. With
+1,000 seven of 14,400 gain (one market, up to four times); many lotteries take 1.25 times the time, many decisions 1.5 times."""
 _PAIRS = 4  # beliefs in two states only
 _SPARSE = 4
 """From so many states on candidates lie too far apart to tell where a climb from them ends: no start is skipped. With skips 12
@@ -137,12 +137,12 @@ class SearchSpace:
         problem = self.problem
         numbers = self.partition.holding(actions)
         self.partition.make(numbers)
-        rules = rules_for(problem.n_states)
+        basis = writable_basis(problem.n_states)
         alone = np.ones(len(actions), dtype=np.bool_)
         for j, number in enumerate(numbers):
             programme = self.partition.programme(int(number))
             place = programme.w(actions[j])
-            alone[j] = is_explained_once(programme.arrays, place, rules, programme.n_set_rows, tolerances.SAME_BELIEF)
+            alone[j] = is_explained_once(programme.arrays, place, basis, programme.n_set_rows)
         return alone
 
     @cached_property
@@ -211,23 +211,9 @@ class Best(NamedTuple):
 
 
 @cache
-def rules_for(n_states: int) -> Rules:
-    """Return the tolerances of the kernels."""
-    return Rules(
-        tolerances.PIVOT,
-        tolerances.EXPLAINED,
-        tolerances.POLISH**1.5,
-        tolerances.RANK,
-        tolerances.EXPLAINED,
-        tolerances.ON_FACE,
-        1.0 - tolerances.BUDGET_SAFETY,
-        tolerances.ROW_IN_REACH,
-        # A copy for every number of states: kernels would be compiled anew for one that is read-only.
-        np.array(sum_zero_basis(n_states), order="C"),
-    )
-
-
-_LIMITS = Tolerances(tolerances.POLISH, tolerances.ROW_IN_REACH, tolerances.STATIONARITY, 0)
+def writable_basis(n_states: int) -> Array:
+    """Return `sum_zero_basis` as a copy: kernels that make bases of their own would be compiled anew for a read-only one."""
+    return np.array(sum_zero_basis(n_states), order="C")
 
 
 def best_in_regions(space: SearchSpace, aims: Aims, progress: Progress | None = None) -> Best:
@@ -262,25 +248,27 @@ def _optimal(problem: QuadraticProblem, aims: Aims) -> Best:
 
 def values_of(reached: Explored) -> Array:
     """Return the values (T,C) of what was reached; −∞ where there is nothing."""
-    return np.where(np.arange(reached.region.shape[1]) < reached.count[:, None], reached.numbers[:, :, 0], -np.inf)
+    return np.where(np.arange(reached.region.shape[1]) < reached.count[:, None], reached.optima.value, -np.inf)
 
 
 def read(space: SearchSpace, aims: Aims, reached: Explored, steps: np.ndarray, entries: np.ndarray) -> Best:
     """Return some entries (n,) of beliefs `steps` (n,); the privacy is −∞ where nothing was found."""
     privacies = values_of(reached)[steps, entries]
-    actions = np.zeros((len(steps), space.actions.shape[1]))
+    actions, decoys = (
+        np.zeros((len(steps), space.actions.shape[1])),
+        np.full((len(steps), aims.beliefs.shape[1]), np.nan),
+    )
+    regrets, prices = np.zeros(len(steps)), np.zeros(len(steps))
     found = np.flatnonzero(privacies > -np.inf)
-    at, placed = (steps[found], entries[found]), actions[found]
-    read_actions(*at, space.partition.arrays, _LIMITS, reached, placed)
-    actions[found] = placed
-    decoys, numbers = np.full((len(steps), aims.beliefs.shape[1]), np.nan), np.zeros((3, len(steps)))
-    decoys[found], numbers[:, found] = reached.nearest[at], reached.numbers[at][:, [1, 2, 4]].T
-    privacies[found] = numbers[0, found]
+    at, placed, optima = (steps[found], entries[found]), actions[found], reached.optima
+    read_actions(*at, space.partition.arrays, reached, placed)
+    actions[found], decoys[found], privacies[found] = placed, optima.nearest[at], optima.privacy[at]
+    regrets[found], prices[found] = optima.regret[at], optima.price[at]
     # A belief outside the simplex by a billionth is projected on it, as an observer does.
     for i in np.flatnonzero((decoys < -tolerances.EXPLAINED).any(axis=1)):
         decoys[i] = np.maximum(decoys[i], 0.0) / np.maximum(decoys[i], 0.0).sum()
         privacies[i] = aims.sign * np.linalg.norm(decoys[i] - aims.points[steps[i]])
-    return Best(actions, decoys, privacies, numbers[1], numbers[2], privacies > -np.inf, reached.region[steps, entries])
+    return Best(actions, decoys, privacies, regrets, prices, privacies > -np.inf, reached.region[steps, entries])
 
 
 def _report(progress: Progress, before: int, count: int, done: int, _: int) -> None:
@@ -297,9 +285,8 @@ def search(
 ) -> Explored:
     """Return what the searches of a block find from their starts; without `goes_on` in the starts' regions alone."""
     count, n_states = aims.beliefs.shape
-    rules, partition = rules_for(n_states), space.partition
+    basis, partition = writable_basis(n_states), space.partition
     patience = max(_LEAST_PATIENCE, _PATIENCE * (n_states - 2)) if goes_on else 0
-    limits = _LIMITS._replace(patience=patience)
     partition.make(starts.region)
     # Climbs of a turn: all starts; every row from the best and from the farthest decision, and freed ones.
     around = 2 * (len(space.problem.constraints.b_ub) + n_states)
@@ -314,7 +301,7 @@ def search(
         regions, steps = partition.arrays, left
 
         def work(low: int, high: int, regions: Regions = regions, steps: np.ndarray = steps) -> None:
-            search_regions(steps[low:high], aims, regions, starts, rules, limits, reached, most)
+            search_regions(steps[low:high], aims, regions, starts, basis, patience, reached, most)
 
         in_chunks(work, left.size, _FEW_BELIEFS, ended)
         left = np.flatnonzero(reached.stage != ENDED)
@@ -325,31 +312,32 @@ def search(
 
 def _explored(space: SearchSpace, count: int, most_missing: int) -> Explored:
     n_states, size = space.problem.n_states, space.actions.shape[1] + 1
+    entries, none, number = (count, _MOST_REACHED), np.zeros(count, dtype=np.int64), np.int64
+    optima = Optima(
+        np.empty(entries), np.empty(entries), np.empty(entries), np.empty(entries), np.empty((*entries, n_states)),
+        np.empty((*entries, size)), np.empty(entries), np.empty((*entries, n_states)), np.empty((*entries, size)),
+        np.empty(entries, dtype=np.bool_),
+    )  # fmt: skip
     return Explored(
-        np.full(count, NOT_BEGUN), np.zeros(count, dtype=np.int64), np.empty((count, most_missing, 2), dtype=np.int64),
-        np.zeros(count, dtype=np.int64), np.full((count, 2), -np.inf), np.zeros(count, dtype=np.int64),
-        np.empty((count, _MOST_REACHED), dtype=np.int64), np.empty((count, _MOST_REACHED), dtype=np.int64),
-        np.empty((count, _MOST_REACHED, 5)),
-        np.empty((count, _MOST_REACHED, n_states)), np.empty((count, _MOST_REACHED, size)),
-        np.empty((count, _MOST_REACHED, n_states)), np.empty((count, _MOST_REACHED, size)),
-        np.empty((count, _MOST_REACHED), dtype=np.bool_), np.empty((count, _MOST_REACHED), dtype=np.bool_),
-        np.zeros(count, dtype=np.int64), np.empty((count, _MOST_TRIED), dtype=np.int64),
+        np.full(count, AT_STARTS), none.copy(), none.copy(), np.empty((count, most_missing, 2), dtype=number),
+        none.copy(), np.full(count, -np.inf), np.full(count, -np.inf), none.copy(),
+        np.empty(entries, dtype=number), np.empty(entries, dtype=number), optima, np.empty(entries, dtype=np.bool_),
+        none.copy(), np.empty((count, _MOST_TRIED, 2), dtype=number),
     )  # fmt: skip
 
 
 def starts_of(space: SearchSpace, aims: Aims, n_starts: int, others: list[SomeStarts] | None = None) -> Starts:
     """Return where the searches of a block begin: `n_starts` candidates each, and the rest."""
     count, n_states = aims.beliefs.shape
-    n_worth = np.empty(count, dtype=np.int64)
-    chosen = (np.empty((count, n_starts), dtype=np.int64), np.empty((count, n_starts)), n_worth)
+    chosen, n_worth = np.empty((count, n_starts), dtype=np.int64), np.empty(count, dtype=np.int64)
     ends = np.empty((count, 2 ** min(_SIGNS, space.axes.shape[1]), n_states))
 
     def look(low: int, high: int) -> None:
-        best_starts(low, high, aims, space.table, space.axes, len(space.patterns), chosen, ends)
+        best_starts(low, high, aims, space.table, space.axes, len(space.patterns), chosen, n_worth, ends)
 
     in_chunks(look, count, _CHUNK)
-    steps, places = np.nonzero(chosen[0] >= 0)
-    index = chosen[0][steps, places]
+    steps, places = np.nonzero(chosen >= 0)
+    index = chosen[steps, places]
     parts = [starts_in(steps, space.table.region[index], space.table.decoys[index], space.actions[index])]
     parts += _end_starts(space, aims, ends)
     few = n_worth < _FEW
@@ -357,20 +345,18 @@ def starts_of(space: SearchSpace, aims: Aims, n_starts: int, others: list[SomeSt
         parts.append(_pair_starts(space, aims))
     few |= n_states >= _SPARSE
     starts = together(aims, [*parts, *(others or ())])
-    # Few candidates tell little about the value at the end of a climb: then no start is skipped.
-    starts.promise[np.repeat(few, np.diff(starts.first))] += _FARTHEST
+    starts.bonus[np.repeat(few, np.diff(starts.first))] += NEVER_SKIPPED
     return starts
 
 
 def together(aims: Aims, parts: list[SomeStarts]) -> Starts:
     """Return the starts of each belief that has anything to spend."""
-    belief, region, decoys, actions, promise = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    belief, region, decoys, actions, bonus = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     searched = np.flatnonzero(aims.limits[belief] > 0.0)
     order = searched[np.argsort(belief[searched], kind="stable")]
     first = np.searchsorted(belief[order], np.arange(len(aims.beliefs) + 1))
-    return Starts(
-        first, region[order], decoys[order], actions[order], promise[order], np.empty(len(order), dtype=np.int64)
-    )
+    unknown, unsorted = np.empty(len(order)), np.empty(len(order), dtype=np.int64)
+    return Starts(first, region[order], decoys[order], actions[order], bonus[order], unknown, unsorted)
 
 
 class SomeStarts(NamedTuple):
@@ -380,12 +366,12 @@ class SomeStarts(NamedTuple):
     region: np.ndarray  # (n,)
     decoys: Array  # (n,X)
     actions: Array  # (n,U)
-    promise: Array  # (n,) what is added to what a start promises
+    bonus: Array  # (n,) FIRST, NEVER_SKIPPED or 0
 
 
-def starts_in(steps: np.ndarray, numbers: np.ndarray, decoys: Array, actions: Array, added: float = 0.0) -> SomeStarts:
+def starts_in(steps: np.ndarray, numbers: np.ndarray, decoys: Array, actions: Array, bonus: float = 0.0) -> SomeStarts:
     """Return starts of beliefs `steps` (n,) in regions `numbers` (n,), at decoys (n,X) and their decisions (n,U)."""
-    return SomeStarts(steps, numbers, decoys, actions, np.full(len(steps), added))
+    return SomeStarts(steps, numbers, decoys, actions, np.full(len(steps), bonus))
 
 
 def _farthest_sets(space: SearchSpace, aims: Aims) -> list[SomeStarts]:
@@ -405,7 +391,7 @@ def _farthest_sets(space: SearchSpace, aims: Aims) -> list[SomeStarts]:
         distances = np.linalg.norm(off - share[:, None] * along, axis=1)
         best[t] = np.where(costs @ belief - aims.optimal_costs[t] <= aims.limits[t], distances, -1.0).argmax()
     steps, index = np.arange(len(best)), space.exact[best]
-    part = starts_in(steps, space.table.region[index], space.table.decoys[index], space.actions[index], np.inf)
+    part = starts_in(steps, space.table.region[index], space.table.decoys[index], space.actions[index], FIRST)
     fits = (space.table.costs[index] * aims.beliefs).sum(axis=1) - aims.optimal_costs <= aims.limits
     return [SomeStarts(*(column[fits] for column in part))]
 

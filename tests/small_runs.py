@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from inscrutable.experiments import backtest_aware, backtest_sequential
 from inscrutable.worlds import gaussian_fit
 from inscrutable.worlds.baum_welch import Climb, Standardised
 from inscrutable.worlds.covariances import CovarianceRule
+from sizes import audited
 
 PICTURE = '<svg xmlns="http://www.w3.org/2000/svg" width="2000" height="1000"><title>{}</title></svg>'
 
@@ -62,6 +63,13 @@ def short_simulations() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(calibration, "_FINE", 80)
         patch.setattr(calibration, "_LAST", 250)
+        yield
+
+
+@contextmanager
+def draft_simulations() -> Iterator[None]:
+    """Short simulations, and in `make audit` those of the library."""
+    with nullcontext() if audited() else short_simulations():
         yield
 
 

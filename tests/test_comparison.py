@@ -43,11 +43,12 @@ from inscrutable.reports.comparison import markdown_of, short_table, terminal_ta
 from inscrutable.reports.comparison_plots import draw_comparison
 from inscrutable.reports.names import spelled
 from inscrutable.tolerances import CALIBRATED
+from sizes import audited, instances
 
-SETTINGS = ComparisonSettings(budgets=(0.25, 0.75), repeats=(1, 20), draws=100)
+SETTINGS = ComparisonSettings(budgets=(0.25, 0.75), repeats=(1, 20), draws=instances(100))
 
 
-def small_market(seed: int = 0, resolution: int = 4) -> tuple[MarkowitzProblem, Prior]:
+def small_market(seed: int = 0, resolution: int = 4 if audited() else 3) -> tuple[MarkowitzProblem, Prior]:
     prior = uniform_prior(3, resolution)
     weights = np.random.default_rng(seed).dirichlet(np.ones(len(prior)))
     return random_market(rng=np.random.default_rng(seed)).problem, Prior(prior.beliefs, weights)

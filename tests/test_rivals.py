@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -27,10 +28,18 @@ from inscrutable.experiments.comparison_study import compared, comparison_study
 from inscrutable.experiments.rivals import is_own, loss_of, read_rival
 from inscrutable.reports.comparison import markdown_of, summary_data, write_comparison
 from sizes import audited
+from small_runs import learned_from_few
 from test_comparison import small_market
 
 WAGER = [[-1.0, 1.0, 1.0, 0.0], [1.0, -1.0, 1.0, 0.0], [1.0, 1.0, -1.0, 0.0]]
 CHEAP = ["ODM", "rate-distortion", "coin", "CDM, candidates only"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def soon() -> Iterator[None]:
+    """What is learned of the risk aversion has tests of its own, in test_comparison_watchers.py."""
+    with learned_from_few():
+        yield
 
 
 def compared_with(rival):

@@ -5,7 +5,9 @@ Tests that take `fresh_rng` draw new instances at every run; a failure prints th
 
 from __future__ import annotations
 
+import contextlib
 import gc
+import importlib
 import os
 import secrets
 import signal
@@ -51,6 +53,27 @@ SHORTENING = {
     "paired",
     "some",
 }  # a module that has one of these draws fewer
+
+
+def checked_once(module: Any) -> None:
+    """Check an option of HiGHS once: SciPy checks all of them for every programme, half of the time of a small one."""
+    check, answers = getattr(module, "check_option", None), dict[tuple[str, Any], Any]()
+    if check is None:
+        return
+
+    def once(highs: Any, option: str, value: Any) -> Any:
+        key = option, type(value), value
+        if key not in answers:
+            answers[key] = check(highs, option, value)
+        return answers[key]
+
+    module.check_option = once
+
+
+with contextlib.suppress(ImportError):  # a private module of SciPy, which other versions need not have
+    checked_once(importlib.import_module("scipy.optimize._highspy._highs_wrapper"))
+
+
 LONGEST = ("test_site.py", "test_documents.py", "test_studies.py", "test_study_cluster.py")
 
 

@@ -22,9 +22,9 @@ def audited() -> bool:
     return bool(os.environ.get(AUDIT))
 
 
-def instances(number: int, least: int = 5) -> int:
-    """How many random instances: a quarter, but not fewer than the least; in `make audit` the number itself."""
-    return number if audited() else max(min(number, least), number // 4)
+def instances(number: int, least: int = 3) -> int:
+    """How many random instances: an eighth, but not fewer than the least; in `make audit` the number itself."""
+    return number if audited() else max(min(number, least), number // 8)
 
 
 def paired(one: Sequence[First], other: Sequence[Second]) -> list[tuple[First, Second]]:

@@ -181,9 +181,6 @@ def test_aware_mechanisms_and_searches_among_candidates_alone(tmp_path: Path) ->
     assert hidden["error"] >= max(cdm["error"], pdm["error"], mixed["error"]) - 1e-3
 
 
-# These three come one after the other: each goes on with the worker processes that the one before leaves.
-
-
 def test_two_processes_give_the_same_bytes_also_when_one_is_killed(whole: Study, tmp_path: Path) -> None:
     seen: list[StudyProgress] = []
     lost: list[int] = []

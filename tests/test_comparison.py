@@ -46,7 +46,7 @@ from inscrutable.tolerances import CALIBRATED
 from sizes import audited, instances
 from small_runs import learned_from_few
 
-SETTINGS = ComparisonSettings(budgets=(0.25, 0.75), repeats=(1, 20), draws=instances(100))
+SETTINGS = ComparisonSettings(budgets=(0.25, 0.75), repeats=(1, 20), draws=instances(100, least=25))
 
 
 def small_market(seed: int = 0, resolution: int = 4 if audited() else 3) -> tuple[MarkowitzProblem, Prior]:

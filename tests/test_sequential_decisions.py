@@ -416,6 +416,7 @@ from pathlib import Path
 from inscrutable.decision_makers.sequential.lock import FileLock
 try:
     FileLock(Path(sys.argv[1]))
+    print("not refused", flush=True)
 except Exception as error:
     print(error, flush=True)
 sys.stdin.readline()

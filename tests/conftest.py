@@ -44,6 +44,9 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
+SHORTENING = {"audited", "draft_simulations", "instances", "paired", "some"}
+"""A module that has one of these draws fewer instances in `make test`."""
+
 LONGEST = ("test_site.py", "test_documents.py", "test_studies.py", "test_study_cluster.py")
 
 
@@ -55,7 +58,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     if audited():
         for item in items:
-            if {"instances", "some"} & set(vars(getattr(item, "module", None) or item)):
+            if SHORTENING & set(vars(getattr(item, "module", None) or item)):
                 item.add_marker("audit")
     items.sort(key=lambda item: LONGEST.index(item.path.name) if item.path.name in LONGEST else len(LONGEST))
 

@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from itertools import product
 from typing import TypeVar
 
 AUDIT = "AUDIT_SIZES"
 
 Case = TypeVar("Case")
+First = TypeVar("First")
+Second = TypeVar("Second")
 
 
 def audited() -> bool:
@@ -19,9 +22,16 @@ def audited() -> bool:
     return bool(os.environ.get(AUDIT))
 
 
-def instances(number: int, least: int = 5) -> int:
-    """How many random instances: a quarter, but not fewer than the least; in `make audit` the number itself."""
-    return number if audited() else max(min(number, least), number // 4)
+def instances(number: int, least: int = 3) -> int:
+    """How many random instances: an eighth, but not fewer than the least; in `make audit` the number itself."""
+    return number if audited() else max(min(number, least), number // 8)
+
+
+def paired(one: Sequence[First], other: Sequence[Second]) -> list[tuple[First, Second]]:
+    """Pairs in which each of both occurs, and in `make audit` all pairs."""
+    if audited():
+        return list(product(one, other))
+    return [(one[i % len(one)], other[i % len(other)]) for i in range(max(len(one), len(other)))]
 
 
 def some(cases: Sequence[Case], every: int) -> list[Case]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -15,11 +15,13 @@ import pytest
 
 import inscrutable.reports
 from inscrutable.decision_makers import local_search
-from inscrutable.decision_makers.sequential import calibration
-from inscrutable.experiments import backtest_aware, backtest_sequential
+from inscrutable.decision_makers.sequential import calibration, rule
+from inscrutable.experiments import backtest_aware, backtest_sequential, comparison_watchers, silence
+from inscrutable.experiments.studies import reproduction_tasks
 from inscrutable.worlds import gaussian_fit
 from inscrutable.worlds.baum_welch import Climb, Standardised
 from inscrutable.worlds.covariances import CovarianceRule
+from sizes import audited
 
 PICTURE = '<svg xmlns="http://www.w3.org/2000/svg" width="2000" height="1000"><title>{}</title></svg>'
 
@@ -66,6 +68,13 @@ def short_simulations() -> Iterator[None]:
 
 
 @contextmanager
+def draft_simulations() -> Iterator[None]:
+    """Short simulations, and in `make audit` those of the library."""
+    with nullcontext() if audited() else short_simulations():
+        yield
+
+
+@contextmanager
 def short_searches() -> Iterator[None]:
     """The paper's local search takes few steps; for tests that judge how its results are kept, not how good they are."""
     minimize = local_search.minimize
@@ -75,6 +84,68 @@ def short_searches() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(local_search, "minimize", short)
+        yield
+
+
+@contextmanager
+def learned_from_few(most: int = 4) -> Iterator[None]:
+    """In a comparison the risk aversion is learned from few decisions; for tests that judge other figures."""
+    learn = comparison_watchers.learned_cost
+
+    def from_few(problem: Any, actions: Any) -> Any:
+        return learn(problem, np.unique(actions, axis=0)[:most])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(comparison_watchers, "learned_cost", from_few)
+        yield
+
+
+@contextmanager
+def repeated_markets() -> Iterator[None]:
+    """A random market is gone through once; for tests that judge how its record is kept, and not what is in it."""
+    run, kept = reproduction_tasks.run_market, dict[tuple[Any, ...], Any]()
+
+    def once(plan: Any, seed: np.random.SeedSequence, has_samples: bool) -> Any:
+        key = (
+            plan.model_dump_json(exclude={"markets", "simulations", "steps"}),
+            seed.entropy,
+            seed.spawn_key,
+            has_samples,
+        )
+        if key not in kept:
+            kept[key] = run(plan, seed, has_samples)
+        return deepcopy(kept[key])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reproduction_tasks, "run_market", once)
+        yield
+
+
+@contextmanager
+def repeated_laws() -> Iterator[None]:
+    """The law of a world's belief is simulated once, and a ceiling found once; for tests of what a sequence remembers."""
+    simulate, bound = silence.predicted_chain, rule.ceiling_of
+    laws, ceilings = dict[tuple[Any, ...], Any](), dict[tuple[Any, ...], float]()
+
+    def law(world: Any, resolution: int, *, rng: np.random.Generator) -> Any:
+        sensor = world.emission
+        parts = (world.transition, world.initial, sensor.means, sensor.covariances)
+        key = (*(each.tobytes() for each in parts), resolution, repr(rng.bit_generator.state))
+        if key not in laws:
+            laws[key] = simulate(world, resolution, rng=rng)
+        return laws[key]
+
+    def ceiling(table: Any, limit: float) -> float:
+        parts = (table.regrets, table.prior.beliefs, table.prior.weights, table.cheapest)
+        allowed = None if table.allowed is None else table.allowed.tobytes()
+        key = *(each.tobytes() for each in parts), allowed, type(table.stakes), table.period, table.turnover, limit
+        if key not in ceilings:
+            ceilings[key] = bound(table, limit)
+        return ceilings[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(silence, "predicted_chain", law)
+        patch.setattr(rule, "ceiling_of", ceiling)
         yield
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -43,14 +43,23 @@ from inscrutable.reports.comparison import markdown_of, short_table, terminal_ta
 from inscrutable.reports.comparison_plots import draw_comparison
 from inscrutable.reports.names import spelled
 from inscrutable.tolerances import CALIBRATED
+from sizes import audited, instances
+from small_runs import learned_from_few
 
-SETTINGS = ComparisonSettings(budgets=(0.25, 0.75), repeats=(1, 20), draws=100)
+SETTINGS = ComparisonSettings(budgets=(0.25, 0.75), repeats=(1, 20), draws=instances(100, least=25))
 
 
-def small_market(seed: int = 0, resolution: int = 4) -> tuple[MarkowitzProblem, Prior]:
+def small_market(seed: int = 0, resolution: int = 4 if audited() else 3) -> tuple[MarkowitzProblem, Prior]:
     prior = uniform_prior(3, resolution)
     weights = np.random.default_rng(seed).dirichlet(np.ones(len(prior)))
     return random_market(rng=np.random.default_rng(seed)).problem, Prior(prior.beliefs, weights)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def soon() -> Iterator[None]:
+    """What is learned of the risk aversion has tests of its own, in test_comparison_watchers.py."""
+    with learned_from_few():
+        yield
 
 
 @pytest.fixture(scope="module")

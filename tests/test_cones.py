@@ -9,6 +9,7 @@ from scipy.optimize import linprog, nnls
 from inscrutable import LinearProblem, Polyhedron, SolverError, box, consistent_beliefs, simplex
 from inscrutable.geometry import cones
 from inscrutable.geometry.cones import decomposed_rows
+from sizes import instances
 
 
 def is_stationary(active, equalities, gradient):
@@ -88,13 +89,13 @@ def test_fifty_coordinates_with_many_rows_in_a_corner(region):
     rng = np.random.default_rng(3)
     region = region(50)
     problem = LinearProblem(rng.normal(size=(3, 50)), region)
-    beliefs = rng.dirichlet(np.ones(3), 5)
+    beliefs = rng.dirichlet(np.ones(3), instances(5, least=2))
     for belief, action in zip(beliefs, problem.solve(beliefs), strict=True):
         equal = {"A_eq": region.A_eq, "b_eq": region.b_eq} if len(region.b_eq) else {}
         least = linprog(belief @ problem.costs, region.A_ub, region.b_ub, **equal, bounds=(None, None)).fun
         assert belief @ problem.costs @ action == pytest.approx(least, abs=1e-7)
         found = consistent_beliefs(problem, action)
-        members = rng.dirichlet(np.ones(3), 30)
+        members = rng.dirichlet(np.ones(3), instances(30))
         costs = members @ problem.costs
         other = [
             linprog(each, region.A_ub, region.b_ub, **equal, bounds=(None, None)).fun

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -44,7 +43,7 @@ from inscrutable import (
     simplex,
     uniform_prior,
 )
-from sizes import some
+from sizes import paired
 
 MARKET = MarkowitzProblem(
     [[0.02, 0.0, 0.01], [-0.01, 0.02, 0.0], [0.0, -0.01, 0.02]],
@@ -70,7 +69,7 @@ MEASURES = [
 ]
 
 
-@pytest.mark.parametrize(("measure", "name"), some(list(product(MEASURES, PROBLEMS)), 2), ids=str)
+@pytest.mark.parametrize(("measure", "name"), paired(MEASURES, list(PROBLEMS)), ids=str)
 def test_shipped_measures_keep_their_promises(measure, name):
     check_privacy_measure(measure, PROBLEMS[name])
 
@@ -89,7 +88,7 @@ def makers(problem):
     yield StackelbergDecisionMaker(problem, prior=PRIOR, budget=0.1, **few)
 
 
-@pytest.mark.parametrize(("name", "number"), some(list(product(PROBLEMS, range(9))), 2))
+@pytest.mark.parametrize(("name", "number"), paired(list(PROBLEMS), range(9)))
 def test_shipped_decision_makers_keep_their_promises(name, number):
     check_decision_maker(list(makers(PROBLEMS[name]))[number])
 
@@ -106,7 +105,7 @@ OBSERVERS = {
 }
 
 
-@pytest.mark.parametrize(("name", "observer"), some(list(product(PROBLEMS, OBSERVERS)), 3))
+@pytest.mark.parametrize(("name", "observer"), paired(list(PROBLEMS), list(OBSERVERS)))
 def test_shipped_adversaries_keep_their_promises(name, observer):
     check_adversary(OBSERVERS[observer](PROBLEMS[name]), PROBLEMS[name])
 

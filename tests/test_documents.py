@@ -29,6 +29,7 @@ from pathlib import Path
 
 import pytest
 from matplotlib import pyplot
+from matplotlib.figure import Figure
 
 from inscrutable import cli
 from inscrutable.privacy import PrivacyMeasure
@@ -196,6 +197,7 @@ def test_page_runs_with_its_long_commands_and_its_pictures(
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.relative_to(ROOT).as_posix())
 def test_script_runs(script: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: Path(path).write_bytes(b""))
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         runpy.run_path(str(script), run_name="__main__")
     pyplot.close("all")

@@ -12,6 +12,7 @@ import browser
 from inscrutable.experiments import backtest_sequential
 from inscrutable.experiments.backtest import Backtest
 from inscrutable.reports.page import write_page
+from small_runs import short_simulations
 from test_page import Reader, backtest, data_of, needs_browser, tab  # noqa: F401  # the last is a fixture
 
 GRID = 8
@@ -19,7 +20,7 @@ GRID = 8
 
 @pytest.fixture(scope="module")
 def found() -> Backtest:
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, short_simulations():
         patch.setattr(backtest_sequential, "_MOST_BELIEFS", GRID)
         return backtest(2, None, sequential=True)
 

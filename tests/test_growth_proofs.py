@@ -238,7 +238,8 @@ def test_bounds_are_above_a_scan_and_near_what_is_reached(n_states, n_assets, se
     assert mixed.privacy_bound <= 1.0101 * max(mixed.expected_privacy, 0.01)
 
 
-@pytest.mark.parametrize("n_states", [2, 3, pytest.param(4, marks=pytest.mark.audit)])
+# Three states with equal bounds: test_proofs_of_a_horse_race_close in test_problem_types.py.
+@pytest.mark.parametrize("n_states", [2, *(pytest.param(n, marks=pytest.mark.audit) for n in (3, 4))])
 def test_a_horse_race_is_a_closed_form(n_states):
     """u* = π and the regret is the divergence: rays from the belief are searched for the farthest stake in it."""
     rng = np.random.default_rng([20270511, n_states])

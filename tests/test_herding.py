@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -122,11 +123,13 @@ class Enumeration:
             self.known[history] = likely / likely.sum()
         return self.known[history]
 
+    @cache  # noqa: B019  # of one enumeration, which ends with its test
     def private(self, history: tuple[int, ...], symbol: int) -> np.ndarray:
         """The agent's belief after a signal."""
         joint = self.public(history) * self.table[:, symbol]
         return np.asarray(joint / joint.sum()) if joint.sum() > 0 else joint
 
+    @cache  # noqa: B019  # as above
     def law(self, history: tuple[int, ...], symbol: int) -> np.ndarray:
         """What the next agent, or one like the last, plays."""
         belief = self.private(history, symbol)

@@ -82,7 +82,7 @@ GOALS = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "budget", "goal"), some(list(product(KINDS, BUDGETS, GOALS)), 7), ids=str)
+@pytest.mark.parametrize(("kind", "budget", "goal"), some(list(product(KINDS, BUDGETS, GOALS)), 13), ids=str)
 def test_the_stream_decides_as_the_search_set_by_set(kind, budget, goal):
     streamed, defined = goal
     problem = problem_of(kind)
@@ -208,7 +208,7 @@ def test_the_same_bytes_for_any_number_of_threads(monkeypatch, measure):
     answers = set()
     for threads in ("1", "4"):
         monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
-        candidates = near_decoys(problem, 300) if isinstance(measure, Infeasibility) else decoy_grid(problem, 20)
+        candidates = near_decoys(problem, 300) if isinstance(measure, Infeasibility) else decoy_grid(problem, 12)
         found = CounterAdversarialDecisionMaker(problem, measure, candidates=candidates).decide_many(beliefs)
         answers.add(found.action.tobytes() + found.regret.tobytes() + found.decoy.tobytes())
     assert len(answers) == 1
@@ -219,7 +219,7 @@ def test_progress_ends_at_the_end_and_an_interrupt_is_passed_on(measure):
     problem = problem_of("plain")
     beliefs = np.random.default_rng(1).dirichlet(np.ones(3), 40)
     chooser = CounterAdversarialDecisionMaker(problem, measure, candidates=random_candidates(
-        problem, 50, rng=np.random.default_rng(2)))  # fmt: skip
+        problem, 20, rng=np.random.default_rng(2)))  # fmt: skip
     seen = []
     chooser.decide_many(beliefs, progress=lambda done, of: seen.append((done, of)))
     assert seen[-1] == (40, 40)

@@ -153,7 +153,7 @@ def test_indexing_padding_and_all_actions_at_once() -> None:
 def test_sample_draws_the_atoms_by_their_probabilities() -> None:
     case = told((3, 5), 1.0, 0.05, count=40)
     step = int(np.argmin(np.abs(case.mixed.probabilities[:, 1] - 0.5)))
-    many = case.maker.decide_many(np.repeat(case.beliefs[step : step + 1], 2000, axis=0))
+    many = case.maker.decide_many(np.repeat(case.beliefs[step : step + 1], 1000, axis=0))
     drawn = many.sample(rng=np.random.default_rng(1))
     again = many.sample(rng=np.random.default_rng(1))
     assert np.array_equal(drawn.action, again.action)

@@ -25,7 +25,7 @@ def distance_by_vertices(market, belief, action):
     return consistent.hull_distance(belief, corners) if len(corners) else -np.inf
 
 
-@pytest.mark.parametrize("name", some(["U3-00", "U3-01", "U3-04", "U3-09"], 2))
+@pytest.mark.parametrize("name", some(["U3-00", "U3-01", "U3-04", "U3-09"], 4))
 def test_it_reaches_the_proven_optimum(name):
     case = CASES[name]
     proven, _, bound = optimum.global_cdm(case.market, case.belief, case.budget, case.min_slack)

@@ -80,6 +80,12 @@ def missed() -> Backtest:
 
 
 @pytest.fixture(scope="module")
+def by_regret() -> Backtest:
+    """Two regimes and a budget of regret."""
+    return backtest(2, Budget.regret(0.002))
+
+
+@pytest.fixture(scope="module")
 def compared() -> Comparison:
     problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
     settings = ComparisonSettings(budgets=(0.25, 0.5), repeats=(1, 5), draws=20)
@@ -301,9 +307,9 @@ def test_own_budget_shows_what_was_published(found: Backtest, page: Path) -> Non
         assert data["sweep"][name]["aware"][data["own"]] == pytest.approx(found.figures[name]["error_aware"], abs=1e-4)
 
 
-def test_observer_who_knows_the_method_knows_the_budget_as_well() -> None:
+def test_observer_who_knows_the_method_knows_the_budget_as_well(by_regret: Backtest) -> None:
     """Bayes' rule by enumeration: who else would play the decision that was drawn?"""
-    found = backtest(2, Budget.regret(0.002))
+    found = by_regret
     sweep, budget = BudgetSweep(found), 4
     assert found.aware is not None
     prior, candidates = found.aware.prior, found.candidates
@@ -543,9 +549,9 @@ def test_comparisons_sliders_choose_table_and_observer(compared_page: Path, tab:
 
 
 @needs_browser
-def test_odd_results_are_drawn_too(missed: Backtest, tab: browser.Browser, tmp_path: Path) -> None:
+def test_odd_results_are_drawn_too(missed: Backtest, by_regret: Backtest, tab: browser.Browser, tmp_path: Path) -> None:
     """Two regimes and a budget of regret; a goal that is met or missed, at no budget."""
-    for number, result in enumerate((backtest(2, Budget.regret(0.001)), missed)):
+    for number, result in enumerate((by_regret, missed)):
         tab.open(write_page(result, tmp_path / f"{number}.html"), "#step=999&budget=2")
         assert tab.run("document.getElementById('step').value") == str(len(result.beliefs) - 1)
         assert not re.search(r"NaN|undefined|Infinity", "".join(drawings(tab).values()))
@@ -574,7 +580,15 @@ def test_command_line_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixt
     returns = pd.DataFrame(0.01 + spread * rng.normal(size=(60, 2)), index=months, columns=["A", EVIL])
     returns.to_csv(tmp_path / "returns.csv")
     asked = {
-        "backtest": ["--returns", str(tmp_path / "returns.csv"), "--regimes", "2", "--train-until", "2005-06"],
+        "backtest": [
+            "--returns",
+            str(tmp_path / "returns.csv"),
+            "--regimes",
+            "2",
+            "--train-until",
+            "2005-06",
+            "--no-sequential",
+        ],
         "compare": ["--resolution", "2", "--budgets", "silence:0.5", "--makers", "CDM,coin"],
     }
     for verb, arguments in asked.items():

@@ -140,7 +140,7 @@ def formers(problem, rng):
     return {"all": 0.7 * few + 0.3 / size, "few": few, "little": little / little.sum(), "outside": outside}
 
 
-@pytest.mark.parametrize(("kind", "n_states"), some([("all", 3), ("few", 4), ("little", 3), ("outside", 2)], 2))
+@pytest.mark.parametrize(("kind", "n_states"), some([("all", 3), ("few", 4), ("little", 3), ("outside", 2)], 3))
 def test_trading_costs_are_searched_no_worse_than_by_candidates(fresh_rng, n_states, kind):
     plain = market(fresh_rng, n_states, 5, cap=0.6)
     former, rates = formers(plain, fresh_rng)[kind], fresh_rng.uniform(0.0, 0.01, 5) * (fresh_rng.uniform(size=5) > 0.2)

@@ -23,8 +23,11 @@ from inscrutable.datasets import output_folder, read_returns, whole_file, write_
 from inscrutable.errors import InputError
 from inscrutable.labels import label_text
 from inscrutable.reports.style import save_figure
+from sizes import instances
 
-same_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+same_folder = settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=instances(100)
+)
 names = st.text(st.characters(codec="utf-8"), max_size=8)
 
 

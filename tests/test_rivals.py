@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -26,14 +27,23 @@ from inscrutable.experiments.comparison import ComparisonSettings, makers_of
 from inscrutable.experiments.comparison_study import compared, comparison_study
 from inscrutable.experiments.rivals import is_own, loss_of, read_rival
 from inscrutable.reports.comparison import markdown_of, summary_data, write_comparison
+from sizes import audited
+from small_runs import learned_from_few
 from test_comparison import small_market
 
 WAGER = [[-1.0, 1.0, 1.0, 0.0], [1.0, -1.0, 1.0, 0.0], [1.0, 1.0, -1.0, 0.0]]
 CHEAP = ["ODM", "rate-distortion", "coin", "CDM, candidates only"]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def soon() -> Iterator[None]:
+    """What is learned of the risk aversion has tests of its own, in test_comparison_watchers.py."""
+    with learned_from_few():
+        yield
+
+
 def compared_with(rival):
-    problem, prior = small_market()
+    problem, prior = small_market(resolution=4 if audited() else 3)
     settings = ComparisonSettings(budgets=(0.5,), repeats=(1,), draws=10, rival=rival)
     return compare(problem, prior, settings, makers=makers_of(CHEAP), rng=np.random.default_rng(0)), problem, prior
 

@@ -21,6 +21,7 @@ from inscrutable import (
     reachable_beliefs,
 )
 from inscrutable.adversaries.sensor.calibration import _curvature
+from sizes import audited, instances
 
 TRANSITION = np.array([[0.8, 0.2], [0.3, 0.7]])
 WORLD = HiddenMarkovModel(TRANSITION, CategoricalEmission([[0.8, 0.2], [0.2, 0.8]]))
@@ -116,7 +117,7 @@ def test_the_curvature_of_several_parameters_is_that_of_a_paraboloid(fresh_rng: 
 
 
 def test_intervals_are_as_wide_as_estimates_scatter() -> None:
-    held, ratio = coverage(range(16), 100)
+    held, ratio = coverage(range(instances(16, least=12)), 100 if audited() else 60)
     assert held >= 0.8
     assert 0.6 <= ratio <= 1.6
 
@@ -129,7 +130,7 @@ def test_intervals_hold_the_true_accuracy_as_often_as_they_say() -> None:
 
 def test_two_parameters_have_a_profile_each() -> None:
     rng = np.random.default_rng(3)
-    states = rng.integers(2, size=60)
+    states = rng.integers(2, size=60 if audited() else 40)
     found = calibrate_sensor(
         sampled(0.85, states, rng),
         states,
@@ -197,7 +198,7 @@ def test_fisher_information_of_probes_is_that_of_all_sequences_of_decisions() ->
 def test_the_best_probe_gives_the_estimates_that_scatter_least() -> None:
     rng = np.random.default_rng(1)
     probes = [np.zeros(80, dtype=int), np.tile([0, 1], 40)]
-    ranking = best_probe(probes, on(GRID), ACCURACY, world=WORLD, parameters=[0.8], n_draws=400, rng=rng)
+    ranking = best_probe(probes, on(GRID), ACCURACY, world=WORLD, parameters=[0.8], n_draws=instances(400), rng=rng)
     assert not ranking.is_exact
     assert "best" in str(ranking)
     spread = [
@@ -218,7 +219,15 @@ def test_a_gaussian_sensor_is_read_by_particles() -> None:
     world = HiddenMarkovModel(TRANSITION, family(0.6))
     states, actions = rng.integers(2, size=(2, 15))
     found, again = (
-        calibrate_sensor(actions, states, on(GRID), family, world=world, n_particles=60, rng=np.random.default_rng(0))
+        calibrate_sensor(
+            actions,
+            states,
+            on(GRID),
+            family,
+            world=world,
+            n_particles=60 if audited() else 20,
+            rng=np.random.default_rng(0),
+        )
         for _ in range(2)
     )
     assert np.isfinite(found.log_likelihoods).all()

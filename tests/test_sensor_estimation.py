@@ -19,7 +19,7 @@ from inscrutable import (
     estimate_sensor,
     estimate_world,
 )
-from sizes import instances
+from sizes import audited, instances
 
 TRANSITION = np.array([[0.8, 0.1, 0.1], [0.15, 0.7, 0.15], [0.1, 0.2, 0.7]])
 SENSOR = np.array([[0.7, 0.2, 0.1], [0.15, 0.7, 0.15], [0.1, 0.25, 0.65]])
@@ -190,7 +190,7 @@ def test_a_belief_that_jumps_is_named_and_moves_nothing() -> None:
 
 
 def test_beliefs_that_follow_no_filter_identify_nothing() -> None:
-    beliefs = np.random.default_rng(0).dirichlet(np.ones(3), 100)
+    beliefs = np.random.default_rng(0).dirichlet(np.ones(3), 100 if audited() else 40)
     for n_symbols in (None, 2, 3):
         found = estimate_sensor(beliefs, TRANSITION, n_symbols=n_symbols)
         assert found.status in (SensorStatus.OVERLAPPING, SensorStatus.INCONSISTENT)

@@ -28,6 +28,7 @@ from inscrutable import (
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.privacy import Loss
 from sizes import instances
+from small_runs import draft_simulations
 
 
 def answers_of(loss: Loss, n_states: int) -> np.ndarray:
@@ -238,7 +239,8 @@ def calibrated(
 
 
 def test_a_calibrated_rule_spends_its_budget_and_stays_below_the_ceiling(fresh_rng: np.random.Generator) -> None:
-    maker, path = calibrated(drawn_maker(fresh_rng, stays=0.5), fresh_rng)
+    with draft_simulations():
+        maker, path = calibrated(drawn_maker(fresh_rng, stays=0.5), fresh_rng)
     assert str(maker.loss) in maker.summary()
     assert str(maker.loss) in str(maker.calibration)
     assert path.losses.min() >= maker.loss.least(maker.beliefs).min() - 1e-9

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -26,6 +27,7 @@ from inscrutable.reports import comparison_plots
 from inscrutable.reports.comparison import notes_of, short_table, terminal_table
 from inscrutable.reports.page import comparison_page
 from sizes import some
+from small_runs import draft_simulations
 
 
 @cache
@@ -39,10 +41,17 @@ def setting() -> Setting:
 @cache
 def play() -> SequentialPlay:
     held = setting()
-    behaviour = sequential(held, 0.5 * held.silence_regret, lambda: np.random.default_rng(0), float("inf"))
+    with draft_simulations():
+        behaviour = sequential(held, 0.5 * held.silence_regret, lambda: np.random.default_rng(0), float("inf"))
     assert behaviour is not None
     assert isinstance(behaviour.play, SequentialPlay)
     return behaviour.play
+
+
+@pytest.fixture
+def drafts() -> Iterator[None]:
+    with draft_simulations():
+        yield
 
 
 def test_long_run_figures_are_those_of_sampled_paths() -> None:
@@ -87,6 +96,7 @@ def test_chains_that_stay_otherwise_keep_the_prior() -> None:
     assert play().watched.error_double < play().watched.error
 
 
+@pytest.mark.usefixtures("drafts")
 def test_the_sequential_rule_stands_beside_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     held = setting()
     monkeypatch.setattr(sequential_play, "LONG_PATHS", (2, 25))
@@ -133,6 +143,7 @@ def test_the_sequential_rule_stands_beside_the_others(tmp_path: Path, monkeypatc
 
 
 @pytest.mark.parametrize("shown", some(["every(2)|delayed(1)", "every(3)", "rounded(1)"], 2))
+@pytest.mark.usefixtures("drafts")
 def test_under_a_disclosure_the_rule_goes_by_it(shown: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """What one holds who sees so much is what `path_leakage` finds of the rule; fewer and later decisions hide more."""
     held = setting()

@@ -126,7 +126,7 @@ def test_every_step_of_a_path_is_solved_to_its_gap(fresh_rng: np.random.Generato
     for _ in range(instances(4, least=1)):
         maker = market(fresh_rng, told=told)
         sequence, unit = maker.begin(), maker.table.unit
-        for _ in range(6):
+        for _ in range(instances(6, least=3)):
             sequence.observe()
             law = sequence.observer.weights
             lottery = sequence.decide(maker.beliefs[int(fresh_rng.choice(len(law), p=law / law.sum()))])

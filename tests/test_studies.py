@@ -204,6 +204,65 @@ def test_two_processes_give_the_same_bytes_also_when_one_is_killed(whole: Study,
     assert [each.done for each in seen] == sorted(each.done for each in seen)
 
 
+def test_a_task_that_no_worker_survives_is_a_failed_row(
+    whole: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(executors, "chunk_of_rows", deadly)
+    monkeypatch.setattr(executors, "_LOSSES", 2)
+    other = run_study(Study.of(SMALL), tmp_path, jobs=2).frame()
+    assert other.status[5] == FAILED
+    assert "were lost each time" in other.failure[5]
+    assert other.drop(index=5).equals(whole.frame().drop(index=5))
+    monkeypatch.undo()
+    assert resume_study(tmp_path, retry=True).frame().equals(whole.frame())
+
+
+def test_the_command_line_speaks_of_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With two processes, whose end says nothing more; then a file, and whatever else the system refuses."""
+    plan, out = tmp_path / "study.toml", tmp_path / "out"
+    plan.write_text(toml_of(SMALL), "utf-8")
+    full = OSError(errno.ENOSPC, "No space left on device")
+
+    def add(self: Store, rows: object) -> None:
+        with speaking(self.folder):
+            error = sqlite3.OperationalError("database or disk is full")
+            error.sqlite_errorcode = sqlite3.SQLITE_FULL
+            raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "add", add)
+        assert cli.main(["study", "run", str(plan), "--out", str(out), "--jobs", "2"]) == 3
+    told = capsys.readouterr().err
+    assert "inscrutable: disk: " in told
+    assert "database or disk is full; the rows stored before are kept" in told
+    assert f"To go on: inscrutable study resume {out}" in told
+
+    def broken(*_: object) -> None:
+        raise full
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fsync", broken)
+        assert cli.main(["study", "export", str(out)]) == 3
+    assert "disk: " in capsys.readouterr().err
+    monkeypatch.setattr("inscrutable.experiments.studies.Study.load", broken)
+    assert cli.main(["study", "status", str(out)]) == 3
+    assert "inscrutable: disk: [Errno" in capsys.readouterr().err
+
+
+def test_worker_processes_that_never_start_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def lost_at_once(jobs: int, work: Work, chunks: Chunks, keep: Callable[[list[Row]], None]) -> None:
+        next(iter(chunks))
+
+    monkeypatch.setattr(executors, "_through_joblib", lost_at_once)
+    monkeypatch.setattr(executors, "release", dead)
+    monkeypatch.setattr(executors, "_LOSSES", 2)
+    with pytest.raises(SolverError, match="lost 2 times"):
+        run_study(Study.of(SMALL), tmp_path, jobs=2)
+    assert Study.load(tmp_path).status().failed == 0
+
+
 @pytest.mark.audit
 def test_four_processes_give_the_same_bytes(whole: Study, tmp_path: Path) -> None:
     other = run_study(Study.of(SMALL), tmp_path / "four", jobs=4)
@@ -508,40 +567,6 @@ def test_a_full_disk_and_a_read_only_one_lose_nothing(tmp_path: Path) -> None:
     assert json.loads(said["rows"]) == table(whole)
 
 
-def test_the_command_line_speaks_of_the_disk(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """With two processes, whose end says nothing more; then a file, and whatever else the system refuses."""
-    plan, out = tmp_path / "study.toml", tmp_path / "out"
-    plan.write_text(toml_of(SMALL), "utf-8")
-    full = OSError(errno.ENOSPC, "No space left on device")
-
-    def add(self: Store, rows: object) -> None:
-        with speaking(self.folder):
-            error = sqlite3.OperationalError("database or disk is full")
-            error.sqlite_errorcode = sqlite3.SQLITE_FULL
-            raise error
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Store, "add", add)
-        assert cli.main(["study", "run", str(plan), "--out", str(out), "--jobs", "2"]) == 3
-    told = capsys.readouterr().err
-    assert "inscrutable: disk: " in told
-    assert "database or disk is full; the rows stored before are kept" in told
-    assert f"To go on: inscrutable study resume {out}" in told
-
-    def broken(*_: object) -> None:
-        raise full
-
-    with monkeypatch.context() as patch:
-        patch.setattr("os.fsync", broken)
-        assert cli.main(["study", "export", str(out)]) == 3
-    assert "disk: " in capsys.readouterr().err
-    monkeypatch.setattr("inscrutable.experiments.studies.Study.load", broken)
-    assert cli.main(["study", "status", str(out)]) == 3
-    assert "inscrutable: disk: [Errno" in capsys.readouterr().err
-
-
 @pytest.mark.skipif(os.geteuid() == 0, reason="permissions do not bind the superuser; a read-only disk is tried above")
 def test_a_read_only_folder_is_refused_and_can_be_read(copy: Path) -> None:
     before = table(Study.load(copy))
@@ -639,28 +664,6 @@ def test_chunks_take_about_a_second_and_those_that_are_out_are_known() -> None:
     assert sizes[7] == 1
     assert 990 <= max(sizes) <= 1000
     assert chunks.taken_back() == []
-
-
-def test_a_task_that_no_worker_survives_is_a_failed_row(
-    whole: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(executors, "chunk_of_rows", deadly)
-    monkeypatch.setattr(executors, "_LOSSES", 2)
-    other = run_study(Study.of(SMALL), tmp_path, jobs=2).frame()
-    assert other.status[5] == FAILED
-    assert "were lost each time" in other.failure[5]
-    assert other.drop(index=5).equals(whole.frame().drop(index=5))
-    monkeypatch.undo()
-    assert resume_study(tmp_path, retry=True).frame().equals(whole.frame())
-
-
-def test_worker_processes_that_never_start_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executors, "chunk_of_rows", deadly)
-    monkeypatch.setattr(executors, "release", dead)
-    monkeypatch.setattr(executors, "_LOSSES", 2)
-    with pytest.raises(SolverError, match="lost 2 times"):
-        run_study(Study.of(SMALL), tmp_path, jobs=2)
-    assert Study.load(tmp_path).status().failed == 0
 
 
 ORPHANS = """

@@ -253,20 +253,23 @@ def test_the_command_line_takes_extensions(module, tmp_path):
         'beliefs = {kind = "grid", resolution = 4}\ncandidates = {resolution = 4}\n'
     )
     (tmp_path / "beside.py").write_text(MODULE)  # the study's folder is not looked into
-    program = str(Path(sys.executable).with_name("inscrutable"))
+    # As the installed script: in a folder of its own, which is the first that Python looks into.
+    program = tmp_path / "bin" / "program.py"
+    program.parent.mkdir()
+    program.write_text(
+        "import sys; from inscrutable.cli import main; print([main(each.split()) for each in sys.argv[1:]])"
+    )
+    commands = [
+        " ".join(["study run study.toml --out out --jobs 1 -q", *(f"--extension {each}" for each in extensions)])
+        for extensions in (["beside:Shrinking"], own(module, "Shrinking", "played"))
+    ]
     settings = os.environ | {"PYTHONPATH": str(tmp_path / "library"), "NO_COLOR": "1"}
-
-    def said(*extensions):
-        options = [part for each in extensions for part in ("--extension", each)]
-        command = [program, "study", "run", "study.toml", "--out", "out", "--jobs", "1", *options]
-        return subprocess.run(command, cwd=tmp_path, env=settings, capture_output=True, text=True)
-
-    refused = said("beside:Shrinking")
-    assert refused.returncode == 3, refused
-    assert "cannot be imported" in refused.stderr
-    assert "Traceback" not in refused.stderr
-    done = said(*own(module, "Shrinking", "played"))
-    assert done.returncode == 0, done.stderr
+    said = subprocess.run(
+        [sys.executable, str(program), *commands], cwd=tmp_path, env=settings, capture_output=True, text=True
+    )
+    assert said.stdout.splitlines()[-1] == "[3, 0]", said
+    assert said.stderr.count("cannot be imported") == 1
+    assert "Traceback" not in said.stderr
 
 
 # What is asked for, what the file holds beside, and what is said.

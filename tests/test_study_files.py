@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
@@ -22,6 +22,7 @@ from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.reading import StudySource, checked_study
 from inscrutable.experiments.studies.tasks import Work, chunk_of_rows
 from inscrutable.experiments.toml_lines import key_lines
+from sizes import instances
 
 ROOT = Path(__file__).resolve().parent.parent
 HEAD = 'name = "a"\ndecision_makers = ["ODM"]\n'
@@ -91,6 +92,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("files")
 
 
+@settings(max_examples=instances(100))
 @given(st.sampled_from(KEYS), st.data())
 def test_a_misspelt_key_is_named_with_its_line_and_the_right_one(
     folder: Path, place: tuple[str, str, str], data: st.DataObject
@@ -122,6 +124,7 @@ NAMES = {
 }
 
 
+@settings(max_examples=instances(100))
 @given(st.sampled_from([(where, name) for where, names in NAMES.items() for name in names]), st.data())
 def test_a_misspelt_name_is_answered_with_the_nearest(
     folder: Path, case: tuple[tuple[str, str], str], data: st.DataObject

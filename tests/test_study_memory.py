@@ -27,6 +27,7 @@ PLAN: dict[str, Any] = {
     "adversaries": ["naive", "bayesian", "sequential"],
     "measures": ["error", "top_state", "expected_regret", "mutual_information"],
 }
+SEQUENTIAL = {"name": "sequential", "information_price": "infinite"}
 COMPARED = {
     "naive": {"error": "naive_error", "top_state": "naive_top_state"},
     "bayesian": {"error": "bayes_error", "top_state": "top_state_accuracy"},
@@ -71,8 +72,7 @@ def test_late_and_partial_trades_are_judged_as_in_a_comparison() -> None:
 
 @pytest.mark.audit
 def test_the_sequential_rule_is_judged_as_in_a_comparison() -> None:
-    maker = {"name": "sequential", "information_price": "infinite"}
-    check_as_compared(runner_of(decision_makers=maker), ["sequential"], 0.05)
+    check_as_compared(runner_of(decision_makers=SEQUENTIAL), ["sequential"], 0.05)
 
 
 def test_rules_with_a_memory_need_beliefs_that_move() -> None:
@@ -84,7 +84,11 @@ def test_rules_with_a_memory_need_beliefs_that_move() -> None:
     ("maker", "observer", "said"),
     [
         ("delay", {"name": "naive", "disclosure": "rounded(1)"}, "read from all decisions as they are"),
-        ({"name": "sequential"}, {"name": "sequential", "disclosure": "every(2)"}, "made for an observer"),
+        (
+            {"name": "sequential", "information_price": "infinite"},
+            {"name": "sequential", "disclosure": "every(2)"},
+            "made for an observer",
+        ),
         ({"name": "sequential", "loss": "rival"}, {"name": "naive"}, r"needs the section \[rival\]"),
     ],
 )

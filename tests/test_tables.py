@@ -22,9 +22,12 @@ from inscrutable.datasets import (
     write_table,
 )
 from inscrutable.errors import InputError
+from sizes import instances
 
 GOOD = "date,A,B\n2020-01-31,0.01,-0.02\n2020-02-29,0.03,0.04\n"
-same_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+same_folder = settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=instances(100)
+)
 
 
 @pytest.fixture

@@ -40,14 +40,14 @@ from inscrutable.experiments.studies.whole import BEFORE, all_rows, shipped
 from inscrutable.reports.reproduction import summary_of
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
 from sizes import some
-from small_runs import nothing_painted, short_searches, short_simulations
+from small_runs import learned_from_few, nothing_painted, repeated_markets, short_searches, short_simulations
 from study_runs import SMALL
 from test_page import EVIL, Reader
 
 
 @pytest.fixture(scope="module", autouse=True)
 def soon() -> Iterator[None]:
-    with short_searches():
+    with short_searches(), repeated_markets(), learned_from_few():
         yield
 
 

@@ -70,6 +70,33 @@ def test_a_month_by_command(capsys: pytest.CaptureFixture[str], folder: Path) ->
     assert found["decisions"]["2020-01-31"] == pytest.approx(dict(zip(NAMES, drawn.action.tolist(), strict=True)))
 
 
+def test_what_cannot_be_a_covariance_of_fractions_is_refused(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    risk = pd.read_csv(folder / "V.csv", index_col=0)
+    pd.DataFrame([[0.5, 0.3, 0.2]], ["now"], NAMES).to_csv(folder / "w.csv")
+    for table, said in (
+        (pd.DataFrame(np.eye(3), NAMES, NAMES), "correlations"),
+        (risk * 1e4, "variances of percentages"),
+    ):
+        table.to_csv(folder / "V.csv", index_label="asset")
+        code, _, err = run(capsys, folder, "--prior-covariance", folder / "S.csv")
+        assert code == 3
+        assert "3 of 3 variances are 1 or more" in err
+        assert f"look like {said};" in err
+        given = ["--weights", folder / "w.csv", "--covariance", folder / "V.csv", "--risk-aversion", 2.5]
+        assert cli.main(["views", *map(str, given)]) == 3
+        assert said in capsys.readouterr().err
+
+
+def test_alphas_far_outside_their_law_are_named(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    """At most two standard deviations as fractions."""
+    table = pd.read_csv(folder / "A.csv", index_col=0)
+    law = ("--prior-covariance", folder / "S.csv")
+    assert "Caution: these alphas" not in run(capsys, folder, *law)[1]
+    (100.0 * table).to_csv(folder / "A.csv")
+    out = run(capsys, folder, *law)[1]
+    assert "up to 200 standard deviations" in " ".join(out.split())
+
+
 def test_a_month_of_what_may_be_held(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     code, out, err = run(
         capsys,

@@ -60,7 +60,10 @@ def test_a_sum_of_one_that_is_not_asked_for_is_a_caution(folder: Path, capsys: p
     assert said == [True, False, False]
     (folder / "four.csv").write_text("month,Food,Oil,Gas\nMay,0.3333,0.3333,0.3333\n")
     assert main(asked(folder, "--risk-aversion", "2", "--held", "long-only", weights="four.csv")) == 3
-    assert "rounded weights need --digits, here --digits 4;" in capsys.readouterr().err
+    assert "rounded weights need --digits, here --digits 4" in capsys.readouterr().err
+    (folder / "short.csv").write_text("month,Food,Oil,Gas\nMay,0.7,0.5,-0.2\n")
+    assert main(asked(folder, "--risk-aversion", "2", "--held", "long-only", weights="short.csv")) == 3
+    assert "--digits" not in capsys.readouterr().err
 
 
 def test_files_that_cannot_be_meant_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -69,7 +72,7 @@ def test_files_that_cannot_be_meant_are_refused(folder: Path, capsys: pytest.Cap
     more = ("--risk-aversion", "2", "--held", "long-only", "--reference", "portfolio")
     assert main(asked(folder, *more, "--digits", "2", weights="percent.csv")) == 3
     assert "row May: weights is outside" in (said := capsys.readouterr().err)
-    assert "percentages have to be divided by 100" in said
+    assert "these are percentages: divide them by 100" in said
     (pd.read_csv(folder / "weights.csv", index_col=0) + 0.004).to_csv(folder / "rounded.csv")
     assert main(asked(folder, *more, "--digits", "2", weights="rounded.csv")) == 0
     skew = SPREAD.copy()

@@ -67,7 +67,7 @@ def amount_of(text: str, option: str) -> float:
 
 
 def covariance_of(path: Path) -> pd.DataFrame:
-    """Return the covariance of a file; one that is not symmetric is refused with two entries named."""
+    """Return the covariance of a file; one that is not symmetric, or not of returns as fractions, is refused."""
     import numpy as np
 
     from inscrutable import tolerances
@@ -83,6 +83,14 @@ def covariance_of(path: Path) -> pd.DataFrame:
         raise InputError(
             f"{path} is not symmetric: {one}, {other} is {values[row, column]:g}, but {other}, {one} is "
             f"{values[column, row]:g}"
+        )
+    large = values.diagonal() >= 1.0
+    if 2 * large.sum() > len(large):
+        what = "correlations" if (values.diagonal() == 1.0).all() else "variances of percentages"
+        raise InputError(
+            f"{path}: {large.sum()} of {len(large)} variances are 1 or more, such as {values.diagonal()[large][0]:g}. These "
+            f"look like {what}; expected covariances of returns as fractions, 0.0025 for a standard deviation of 5%: multiply "
+            "correlations by both standard deviations, divide variances of percentages by 10,000"
         )
     return table
 

@@ -119,15 +119,35 @@ def _read(problem: AlphaProblem, of: tuple[Path, Any, pd.Series], **how: Any) ->
 
     path, label, row = of
     digits = how["digits"]
-    # The sum of rounded weights is off by at most half a unit of the last digit for each.
-    rounding = 0.0 if digits is None else 0.5 * 0.1**digits * problem.n_assets
     try:
-        problem.check_weights(row, beyond=rounding + tolerances.FEASIBILITY)
+        problem.check_weights(row, beyond=_rounding(problem, digits) + tolerances.FEASIBILITY)
     except InputError as error:
-        hint = f"; rounded weights need --digits, here --digits {_decimals(row)}" if digits is None else ""
         where = f"{path}, row {label_text(label)}"
-        raise InputError(f"{where}: {error}{hint}; percentages have to be divided by 100") from None
+        raise InputError(f"{where}: {error}{_advice(problem, row)}") from None
     return implied_views(problem, row, **how)
+
+
+def _rounding(problem: AlphaProblem, digits: int | None) -> float:
+    """The error of a sum of rounded weights: at most half a unit of the last digit for each."""
+    return 0.0 if digits is None else 0.5 * 0.1**digits * problem.n_assets
+
+
+def _advice(problem: AlphaProblem, row: pd.Series) -> str:
+    """A clause for weights that may not be held as they are, but rounded, or as percentages."""
+    from inscrutable import tolerances
+    from inscrutable.errors import InputError
+
+    digits = _decimals(row)
+    for weights, rounded, said in (
+        (row, digits, f"; rounded weights need --digits, here --digits {digits}"),
+        (row / 100.0, digits + 2, "; these are percentages: divide them by 100"),
+    ):
+        try:
+            problem.check_weights(weights, beyond=_rounding(problem, rounded) + tolerances.FEASIBILITY)
+        except InputError:
+            continue
+        return said
+    return ""
 
 
 def _decimals(row: pd.Series) -> int:

@@ -20,6 +20,8 @@ LAW_IS_PUBLIC = (
     "reveals them. With --state the first run fixes the law; another one is an error later."
 )
 
+_FAR = 6.0
+"""Standard deviations of the public law beyond which an alpha is named: one in 500 million of its draws lies there."""
 _SEED = 0  # public like the law: every run computes the same rule
 _MANY_ASSETS = 60
 _DRAWS, _FEWER_DRAWS = 1000, 200
@@ -51,6 +53,8 @@ class ProtectedAlphas:
         spent: Regret of all recorded decisions, by the observer's law.
         told: Bits leaked by all recorded decisions.
         expected: Mean regret and bits of the next decision, by the observer's law.
+        farthest: Largest distance of an alpha from the mean of its public law, in standard deviations; NaN where that law
+            depends on public observations or has no end.
     """
 
     maker: AlphaDecisionMaker
@@ -60,6 +64,7 @@ class ProtectedAlphas:
     spent: float
     told: float
     expected: tuple[float, float]
+    farthest: float = float("nan")
 
     def table(self) -> pd.DataFrame:
         """Return the drawn decisions, one row each, by the assets' names."""
@@ -84,6 +89,7 @@ class ProtectedAlphas:
             "n_published": self.n_published,
             "regret_so_far": self.spent,
             "bits_so_far": self.told,
+            "farthest_alpha": self.farthest if np.isfinite(self.farthest) else None,
         }
 
     def summary(self) -> str:
@@ -108,6 +114,11 @@ class ProtectedAlphas:
             lines.append(
                 f"{count} published so far: {most}{self.spent:.4g} of regret, {most}{self.told:.4f} bits, by the observer's "
                 "law."
+            )
+        if self.farthest > _FAR:
+            lines.append(
+                f"Caution: these alphas lie up to {self.farthest:.3g} standard deviations from the mean of their public law. "
+                "It is not theirs (are they in per cent?), and regret and bits are figures of that law."
             )
         if not self.decisions:
             lines.append("Nothing was drawn or recorded: --publish draws once and records what it drew.")
@@ -186,7 +197,17 @@ def protect_alphas(
         sequence.total_regret,
         sequence.total_bits,
         expected,
+        _farthest(maker, means),
     )
+
+
+def _farthest(maker: AlphaDecisionMaker, means: Array) -> float:
+    """Return the largest distance of means (T,k) from that of their public law, in standard deviations."""
+    if maker.silence is None or (maker.world is not None and maker.world.public is not None):
+        return float("nan")
+    apart, deviations = np.abs(means - maker.start_mean), np.sqrt(np.diag(maker.silence))
+    known = deviations > 0.0
+    return float(np.max(apart[:, known] / deviations[known], initial=np.inf if apart[:, ~known].any() else 0.0))
 
 
 def _public_rows(maker: AlphaDecisionMaker, alphas: pd.DataFrame, public: pd.DataFrame | None) -> Array | None:

@@ -31,7 +31,7 @@ used = set()
 for file in package.rglob("*.py"):
     if file.parent.name != "kernels":
         found = re.findall(r"from (inscrutable[.]kernels[.]\\w+) import (?:[(]([^)]*)[)]|(.*))", file.read_text("utf-8"))
-        used |= {(module, name) for module, *names in found for name in re.findall(r"\\w+", " ".join(names))}
+        used |= {(module, name) for module, *names in found for name in re.findall(r"(\\w+)(?: as \\w+)?", " ".join(names))}
 kernels = {pair: getattr(import_module(pair[0]), pair[1]) for pair in used}
 called = {pair: each.signatures for pair, each in kernels.items() if hasattr(each, "signatures")}
 print(json.dumps([moves, folder.is_dir(), len(called), [pair for pair, signatures in called.items() if not signatures]]))

@@ -58,7 +58,7 @@ def compile_kernels(*, n_jobs: int = -1, progress: Callable[[int, int], None] = 
     Raises:
         InputError: `n_jobs` is neither −1 nor at least 1.
     """
-    from inscrutable.kernels.projection import project
+    from inscrutable.kernels.hidden_markov import filter_pass
 
     validation.processes(n_jobs, "jobs")
     # Side by side they compile no kernel twice: what both need, the first compiles at its beginning, the second at its end.
@@ -66,7 +66,7 @@ def compile_kernels(*, n_jobs: int = -1, progress: Callable[[int, int], None] = 
     progress(0, len(calls))
     for done, _ in enumerate(Parallel(n_jobs=n_jobs, return_as="generator_unordered")(calls), 1):
         progress(done, len(calls))
-    return Path(cast(Any, project).stats.cache_path)
+    return Path(cast(Any, filter_pass).stats.cache_path)
 
 
 def _quietly(calls: Callable[[], None]) -> None:

@@ -460,18 +460,23 @@ def search_regions(
                 _record(reached, t, number, orthant, optima, j)
 
 
+class BestStarts(NamedTuple):
+    """Where searches for T beliefs begin."""
+
+    candidate: Any  # (T,S) the candidates that are the best of their region and orthant, in order; −1 behind the last
+    n_worth: Any  # (T,) how many candidates are affordable, or at a price have a positive value
+    ends: Any  # (T,Q,X) the best ends of the budget, one an orthant; NaN where there is none
+
+
 @deferred(kernel)
-def best_starts(
-    low: int, high: int, aims: Any, table: Any, axes: Any, n_regions: int, chosen: Any, n_worth: Any, ends: Any
-) -> None:
-    """Fill, for beliefs low..high, the numbers `chosen` (T,S) of the candidates that are the best of their region and orthant,
-    in order, −1 behind the last; how many candidates `n_worth` (T,) are affordable, or at a price have a positive value; and
-    the best `ends` (T,Q,X) of the budget, one an orthant, NaN where there is none.
+def best_starts(low: int, high: int, aims: Any, table: Any, axes: Any, n_regions: int, found: Any) -> None:
+    """Fill the `BestStarts` of beliefs low..high.
 
     Distances are those in the directions `axes` (X,A), and orthants those of the first few. An end is where √ρ, taken as
     linear on the ray to a candidate that is too dear, meets the budget.
     """
     costs, decoys, region, places = table.costs, table.decoys, table.region, table.places
+    chosen, n_worth, ends = found.candidate, found.n_worth, found.ends
     n_states, n_orthants = aims.beliefs.shape[1], ends.shape[1]
     best, which = np.empty((n_regions, n_orthants)), np.empty((n_regions, n_orthants), dtype=np.int64)
     values = np.empty(chosen.shape[1])

@@ -27,6 +27,7 @@ from inscrutable.kernels.region_climb import Aims, Optima
 from inscrutable.kernels.region_search import (
     AT_STARTS,
     ENDED,
+    BestStarts,
     Explored,
     Starts,
     Table,
@@ -254,10 +255,8 @@ def values_of(reached: Explored) -> Array:
 def read(space: SearchSpace, aims: Aims, reached: Explored, steps: np.ndarray, entries: np.ndarray) -> Best:
     """Return some entries (n,) of beliefs `steps` (n,); the privacy is −∞ where nothing was found."""
     privacies = values_of(reached)[steps, entries]
-    actions, decoys = (
-        np.zeros((len(steps), space.actions.shape[1])),
-        np.full((len(steps), aims.beliefs.shape[1]), np.nan),
-    )
+    actions = np.zeros((len(steps), space.actions.shape[1]))
+    decoys = np.full((len(steps), aims.beliefs.shape[1]), np.nan)
     regrets, prices = np.zeros(len(steps)), np.zeros(len(steps))
     found = np.flatnonzero(privacies > -np.inf)
     at, placed, optima = (steps[found], entries[found]), actions[found], reached.optima
@@ -268,6 +267,13 @@ def read(space: SearchSpace, aims: Aims, reached: Explored, steps: np.ndarray, e
     for i in np.flatnonzero((decoys < -tolerances.EXPLAINED).any(axis=1)):
         decoys[i] = np.maximum(decoys[i], 0.0) / np.maximum(decoys[i], 0.0).sum()
         privacies[i] = aims.sign * np.linalg.norm(decoys[i] - aims.points[steps[i]])
+    # A decision that no belief explains, by a rounding, is replaced by that of the belief that it was found with.
+    for i in found[consistent_sets(space.problem, placed).dimension < 0]:
+        decoy = np.maximum(decoys[i], 0.0) / np.maximum(decoys[i], 0.0).sum()
+        action, t = space.problem.solve_points(decoy), steps[i]
+        regret = max(float(space.problem.regret(aims.beliefs[t], action)), 0.0)
+        if regret <= aims.limits[t]:
+            actions[i], decoys[i], regrets[i] = action, decoy, regret
     return Best(actions, decoys, privacies, regrets, prices, privacies > -np.inf, reached.region[steps, entries])
 
 
@@ -329,18 +335,21 @@ def _explored(space: SearchSpace, count: int, most_missing: int) -> Explored:
 def starts_of(space: SearchSpace, aims: Aims, n_starts: int, others: list[SomeStarts] | None = None) -> Starts:
     """Return where the searches of a block begin: `n_starts` candidates each, and the rest."""
     count, n_states = aims.beliefs.shape
-    chosen, n_worth = np.empty((count, n_starts), dtype=np.int64), np.empty(count, dtype=np.int64)
-    ends = np.empty((count, 2 ** min(_SIGNS, space.axes.shape[1]), n_states))
+    found = BestStarts(
+        np.empty((count, n_starts), dtype=np.int64),
+        np.empty(count, dtype=np.int64),
+        np.empty((count, 2 ** min(_SIGNS, space.axes.shape[1]), n_states)),
+    )
 
     def look(low: int, high: int) -> None:
-        best_starts(low, high, aims, space.table, space.axes, len(space.patterns), chosen, n_worth, ends)
+        best_starts(low, high, aims, space.table, space.axes, len(space.patterns), found)
 
     in_chunks(look, count, _CHUNK)
-    steps, places = np.nonzero(chosen >= 0)
-    index = chosen[steps, places]
+    steps, places = np.nonzero(found.candidate >= 0)
+    index = found.candidate[steps, places]
     parts = [starts_in(steps, space.table.region[index], space.table.decoys[index], space.actions[index])]
-    parts += _end_starts(space, aims, ends)
-    few = n_worth < _FEW
+    parts += _end_starts(space, aims, found.ends)
+    few = found.n_worth < _FEW
     if aims.sign > 0.0 and space.axes.shape[1] > space.actions.shape[1] - len(space.problem.constraints.b_eq):
         parts.append(_pair_starts(space, aims))
     few |= n_states >= _SPARSE

@@ -32,7 +32,7 @@ from inscrutable.alphas.error_law import ErrorLaw
 from inscrutable.alphas.observed import Moves
 from inscrutable.alphas.one_decision import filled
 from inscrutable.alphas.over_time import least_bits, most_error_over_time
-from sizes import instances, some
+from sizes import some
 
 Array = NDArray[np.float64]
 
@@ -353,7 +353,7 @@ def test_no_other_sensor_does_better(n: int, rank: int, radius: float, share: fl
     least = bits_of(transition, innovation, told.law.covariance)
     assert least == pytest.approx(told.value, abs=1e-8), FRESH_SEED
     kept = most_error_over_time(moves, theta, np.eye(n), limit)
-    for _ in range(instances(8, least=3)):
+    for _ in range(8):
         sensor, error, low, high = covariance(rng, n) + 0.01 * np.eye(n), np.eye(n), -8.0, 8.0
         for _ in range(30):  # how loud this sensor must be
             level = 0.5 * (low + high)
@@ -610,7 +610,7 @@ def test_trading_without_a_price_of_information_is_the_riccati_solution() -> Non
 
 def test_simulated_trading_costs_what_is_stated() -> None:
     rng = np.random.default_rng(FRESH_SEED)
-    gamma, kappa, steps = 1.0, 4.0, instances(6000, least=3000)
+    gamma, kappa, steps = 1.0, 4.0, 6000
     risk = np.array([[1.0, 0.3], [0.3, 0.5]])
     world = LinearGaussianWorld(np.diag([0.9, 0.5]), np.eye(2), np.eye(2), 0.2 * np.eye(2))
     hidden = AlphaDecisionMaker(AlphaProblem(risk, gamma, trading_cost=kappa), 0.4, world=world)

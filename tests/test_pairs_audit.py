@@ -21,7 +21,6 @@ from inscrutable.experiments.audit import PairsAudit, pairs_audit
 from inscrutable.experiments.audit.bounds import autocorrelations, design_effect, mean_limit, memory, share_limit
 from inscrutable.experiments.audit.forward import best_before, blocks, learn_forward
 from inscrutable.reports.audit import audit_table, write_audit
-from sizes import audited
 
 pytest.importorskip("sklearn", reason="the learners come with the [audit] extra")
 
@@ -81,13 +80,13 @@ def without_sources(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("without_sources")
 def test_limits_hold_for_the_best_observer(fresh_rng: np.random.Generator) -> None:
     # Each fails one time in twenty; more than four of twelve happen once in 5,000 runs.
-    classes, numbers, _ = count_below(fresh_rng, 12, 300 if audited() else 150, every=2)
+    classes, numbers, _ = count_below(fresh_rng, 12, 300, every=2)
     assert classes + numbers <= 4
 
 
 @pytest.mark.usefixtures("without_sources")
 def test_series_that_hang_together_but_not_with_each_other_seldom_alarm(fresh_rng: np.random.Generator) -> None:
-    assert count_alarms(fresh_rng, 8, 200 if audited() else 120) <= 3  # more happen once in 2,700 runs
+    assert count_alarms(fresh_rng, 8, 200) <= 3  # more happen once in 2,700 runs
 
 
 @pytest.mark.audit
@@ -268,7 +267,7 @@ def test_many_secrets_are_judged_together() -> None:
 
 
 def test_labels_join_rows_and_the_order_of_columns_changes_nothing() -> None:
-    secrets, published = leaking(120)
+    secrets, published = leaking()
     expected = audit_pairs(secrets, published, shifts=19)
     shuffled = audit_pairs(secrets.iloc[::-1], published[["Food", "Oil", "Gas"]], shifts=19)
     assert shuffled.frame().equals(expected.frame())

@@ -141,16 +141,15 @@ def test_the_budget_is_met_on_fresh_seeds(fresh_rng: np.random.Generator, told: 
     candidates = decoy_grid(problem, 6)
     regrets = chain.prior.beliefs @ candidates.state_costs.T - problem.optimal_cost(chain.prior.beliefs)[:, None]
     half = 0.5 * float((chain.prior.weights @ regrets).min())
-    with draft_simulations():
-        maker = SequentialDecisionMaker(
-            problem,
-            Budget.regret(half),
-            chain=chain,
-            candidates=candidates,
-            information_price=told * chain.prior.error**2,
-            rng=fresh_rng,
-        )
-        found = maker.calibration
+    maker = SequentialDecisionMaker(
+        problem,
+        Budget.regret(half),
+        chain=chain,
+        candidates=candidates,
+        information_price=told * chain.prior.error**2,
+        rng=fresh_rng,
+    )
+    found = maker.calibration
     places = chain.paths(800, 1, rng=fresh_rng)[:, 0]
     path = maker.decide_path(chain.prior.beliefs[places], rng=fresh_rng)
     blocks = path.expected_regrets[20:].reshape(-1, 20).mean(axis=1)

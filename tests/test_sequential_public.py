@@ -32,7 +32,6 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.mechanisms.chains import BeliefChain, filtered_chain
-from small_runs import draft_simulations
 
 SEED = int(os.environ.get("FRESH_SEED", "0"))
 GUESS = FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
@@ -106,8 +105,7 @@ def test_the_calibration_meets_the_budget() -> None:
     rng = np.random.default_rng([SEED, 4])
     chain = chain_of(np.array([[0.6, 0.4], [0.4, 0.6]]))
     maker = maker_of(chain, information_price=float("inf"))
-    with draft_simulations():
-        prices = maker.calibration
+    prices = maker.calibration
     assert prices.regret == pytest.approx(0.25, abs=0.01)
     assert_a_path_has_its_figures(maker, chain, rng)
 
@@ -219,8 +217,7 @@ def test_a_late_rule_is_calibrated_with_what_is_read() -> None:
     chain = chain_of(np.array([[0.6, 0.4], [0.4, 0.6]]))
     options = {"information_price": float("inf"), "disclosure": every(2) | delayed(1)}
     maker = SequentialDecisionMaker(GUESS, Budget.regret(0.1), chain=chain, rng=rng, **options)
-    with draft_simulations():
-        prices = maker.calibration
+    prices = maker.calibration
     assert prices.regret == pytest.approx(0.1, abs=0.005)
     assert_a_path_has_its_figures(maker, chain, rng)
 

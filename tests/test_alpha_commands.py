@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -125,6 +126,7 @@ def test_a_month_of_what_may_be_held(capsys: pytest.CaptureFixture[str], folder:
     code, out, err = run(capsys, folder, "--prior-covariance", folder / "S.csv", "--held", "long-only")
     assert code == 0, err
     assert "The limits make hiding cheaper, so the rule hides more" in out
+    assert re.findall(r"([\d.]+)% of silence", out) == ["50.0"], out  # of silence under the limits, not without them
     assert held.sum() == pytest.approx(1.0)
     assert held.min() >= -1e-9
     assert held.max() <= 0.6 + 1e-9

@@ -141,3 +141,10 @@ def test_a_backtest_says_it_beside_the_result() -> None:
     found = run_backtest(returns, BacktestSettings(regimes=2, train_until="2004-06", sequential=False), restarts=2)
     (said,) = found.market.suspicious
     assert f"Suspicious returns: {said}." in warnings_of(found)
+
+
+def test_one_asset_under_two_names_is_named() -> None:
+    returns = pd.DataFrame(np.random.default_rng(5).normal(0.0, 0.03, (30, 3)), columns=["A", "B", "Copy"])
+    assert suspicious_entries(returns) == ()
+    (said,) = suspicious_entries(returns.assign(Copy=returns["A"]))
+    assert said.startswith("Copy: the same returns as A in every row")

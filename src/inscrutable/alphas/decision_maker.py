@@ -295,7 +295,7 @@ class AlphaDecisionMaker:
         if target < silent.mean:
             limit, found = spending(cost, target, self.silence_regret, silent)
         grown = self._spending(limit)
-        grown.simulated_regret = found
+        grown.simulated_regret = found._replace(silence=silent.mean)
         return grown
 
     def _spending(self, limit: float) -> AlphaDecisionMaker:
@@ -335,8 +335,9 @@ class AlphaDecisionMaker:
     def summary(self) -> str:
         """Return a few lines for a person to read; computes the rule at first use."""
         plan, silent = self.plan, self.silence_regret
-        share = f", {plan.regret / silent:.1%} of silence" if 0.0 < silent < np.inf else ""
-        most = "at most " if self.problem.has_inequalities else ""
+        limited = self.problem.has_inequalities  # then silence costs less than tr(ΘS) as well
+        share = f", {plan.regret / silent:.1%} of silence" if 0.0 < silent < np.inf and not limited else ""
+        most = "at most " if limited else ""
         what = "bits" if self.objective == "information" else "error"
         ceiling = self.ceiling
         best = (
@@ -345,7 +346,12 @@ class AlphaDecisionMaker:
             else f"; no rule {'leaks fewer' if what == 'bits' else 'leaves more'} than {ceiling:.6g} {what}"
         )
         simulated = self.simulated_regret
-        drawn = "" if simulated is None else f"; simulated {simulated.mean:.6g} ± {simulated.standard_error:.2g}"
+        drawn = (
+            ""
+            if simulated is None
+            else f"; simulated {simulated.mean:.6g} ± {simulated.standard_error:.2g}, {simulated.mean / simulated.silence:.1%} "
+            "of silence"
+        )
         return (
             f"regret a step    {most}{plan.regret:.6g}{share}{drawn}\n"
             f"leaks            {most}{plan.bits:.6f} bits a step\n"

@@ -22,10 +22,11 @@ _MOST_LIMITS = 40
 
 
 class SimulatedRegret(NamedTuple):
-    """A simulated mean regret per step, and its standard error."""
+    """A simulated mean regret per step, its standard error, and the regret of silence with the same draws."""
 
     mean: float
     standard_error: float
+    silence: float = float("nan")
 
 
 def drawn_means(prior: Array | FactorRisk, draws: int, rng: np.random.Generator) -> Array:

@@ -40,8 +40,9 @@ def suspicious_entries(returns: pd.DataFrame) -> tuple[str, ...]:
         returns: (T,U) finite simple returns as fractions, dates or labels as index, one column per asset.
 
     Returns:
-        One sentence each, in the order: returns too large for any market, steps that look like a split, values repeated row
-        after row and columns that only rise, gaps between dates. Empty where no entry is suspicious. On 300 rows of 12 columns
+        One sentence each, in the order: returns too large for any market, steps that look like a split, columns that repeat
+        another one, values repeated row after row and columns that only rise, gaps between dates. Empty where no entry is
+        suspicious. On 300 rows of 12 columns
         of Student's t with three degrees of freedom and 6 % a row, fewer than one table in a hundred give a warning.
 
     Cost: O(T U log T).
@@ -59,6 +60,7 @@ def suspicious_entries(returns: pd.DataFrame) -> tuple[str, ...]:
     beyond = _beyond_belief(values, centred, scale)
     found = [_size_text(returns, row, column, scale) for row, column in np.argwhere(beyond)]
     found += [_split_text(returns, row, column) for row, column in _splits(values) if not beyond[row, column]]
+    found += _same_columns(returns, values)
     for column in range(values.shape[1]):
         found += _repeats(returns, column)
         usual = float(np.median(values[:, column]))
@@ -214,6 +216,20 @@ def _split_text(returns: pd.DataFrame, row: int, column: int) -> str:
         f"{_place(returns, row, column)}: a return of {ratio - 1.0:+.1%}, alone in its column: it looks like a split of "
         f"{kind} in unadjusted prices"
     )
+
+
+def _same_columns(returns: pd.DataFrame, values: Array) -> list[str]:
+    """Return columns whose returns are those of an earlier one in every row; rounded ones are by chance in a few rows."""
+    first: dict[bytes, int] = {}
+    found = []
+    for column in range(values.shape[1] if len(values) >= tolerances.LEAST_REPEATS else 0):
+        earlier = first.setdefault(np.ascontiguousarray(values[:, column] + 0.0).tobytes(), column)
+        if earlier != column and np.unique(values[:, column]).size > 1:
+            names = label_text(returns.columns[column]), label_text(returns.columns[earlier])
+            found.append(
+                f"{names[0]}: the same returns as {names[1]} in every row; the weights of copies are not unique"
+            )
+    return found
 
 
 def _repeats(returns: pd.DataFrame, column: int) -> list[str]:

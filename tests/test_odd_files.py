@@ -487,3 +487,7 @@ def test_numbers_without_their_last_zeros_have_the_digits_of_the_others(tmp_path
     short = read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals
     file.write_text(file.read_text().replace("0.2,", "0.2000,"))
     assert short == read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals == 3
+    file.write_text("asset,weight\nOil,0.2211\nFood,0.6\nTech,0.1789\n")
+    assert read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals == 3
+    file.write_text("asset,shares,price\nOil,100,30\nFood,500,12.25\nTech,20,88.5\n")  # 30 is 30.00
+    assert read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals == 3

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -56,7 +57,7 @@ def read_holdings(
 
     Returns:
         A `WeightsTable`. `decimals` is such that rounding in the file changes a weight by at most half a unit of the last
-        digit; in a wide table all numbers have the digits of the longest, as spreadsheets drop zeros at the end. `left_out` is
+        digit; all numbers of a file have the digits of the longest, as spreadsheets drop zeros at the end. `left_out` is
         the largest share of a row's value outside the model, `others` its labels.
 
     Raises:
@@ -133,16 +134,15 @@ def _wide(
     values, halves = np.zeros((len(table.rows), size)), np.zeros((len(table.rows), size))
     cash = np.zeros(len(table.rows))
     kinds: set[bool] = set()
-    for row in range(len(table.rows)):
-        cells = [_cell(table, row, first + k) for k in range(len(places))]
+    rows = [[_cell(table, row, first + k) for k in range(len(places))] for row in range(len(table.rows))]
+    half = _half_unit(chain.from_iterable(rows))
+    for row, cells in enumerate(rows):
         _same_unit(table, row, cells, kinds)
         for place, cell in zip(places, cells, strict=True):
             if place is None:
                 cash[row] += cell.value
             else:
-                values[row, place], halves[row, place] = cell.value, cell.half_unit
-    if halves.any():  # spreadsheets drop the zeros at a number's end: all have the digits of the longest
-        halves[halves > 0.0] = halves[halves > 0.0].min()
+                values[row, place], halves[row, place] = cell.value, half if cell.half_unit else 0.0
     index = label_index(table) if first else pd.RangeIndex(len(table.rows), name="row")
     return values, halves, cash, index
 
@@ -176,23 +176,24 @@ def _long(
     size = len(known.assets)
     values, halves, cash = np.zeros((len(index), size)), np.zeros((len(index), size)), np.zeros(len(index))
     kinds: set[bool] = set()
-    for row, cells in enumerate(table.rows):
-        place = known.place(cells[ticker], table.place(row, ticker))
+    column = price if value is None else value
+    assert column is not None
+    amounts = [_cell(table, row, column) for row in range(len(table.rows))]
+    half = _half_unit(amounts)
+    for row, (cells, amount) in enumerate(zip(table.rows, amounts, strict=True)):
+        place, count = known.place(cells[ticker], table.place(row, ticker)), 1.0
         if value is not None:
-            cell = _cell(table, row, value)
-            _same_unit(table, row, [cell], kinds)
+            _same_unit(table, row, [amount], kinds)
         else:
             assert shares is not None
-            assert price is not None
-            count, each = _cell(table, row, shares), _cell(table, row, price)
-            if place is not None and count.value and not each.value > 0:
-                raise InputError(f"{table.place(row, price)}: no price above 0 for what is held")
-            cell = _Cell(count.value * each.value, abs(count.value) * each.half_unit, False)
+            count = _cell(table, row, shares).value
+            if place is not None and count and not amount.value > 0:
+                raise InputError(f"{table.place(row, column)}: no price above 0 for what is held")
         if place is None:
-            cash[where[row]] += cell.value
+            cash[where[row]] += count * amount.value
         else:
-            values[where[row], place] += cell.value
-            halves[where[row], place] += cell.half_unit
+            values[where[row], place] += count * amount.value
+            halves[where[row], place] += abs(count) * half if amount.half_unit else 0.0
     return values, halves, cash, index
 
 
@@ -222,6 +223,11 @@ def _cell(table: TextTable, row: int, column: int) -> _Cell:
     digits = len(number.partition(".")[2])
     value = float(number) * (-1.0 if found["minus"] else 1.0)
     return _Cell(value, 0.5 * 10.0**-digits if value else 0.0, bool(found["percent"].strip()))
+
+
+def _half_unit(cells: Iterable[_Cell]) -> float:
+    """Half a unit of the last digit of the longest number: spreadsheets drop the zeros at a number's end."""
+    return min((cell.half_unit for cell in cells if cell.half_unit), default=0.0)
 
 
 def _same_unit(table: TextTable, row: int, cells: Sequence[_Cell], kinds: set[bool]) -> None:

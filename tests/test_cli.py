@@ -179,7 +179,7 @@ def test_attack_prints_results_and_writes_files(run, folder: Path, tmp_path: Pat
 def test_protect_says_what_to_publish(run, folder: Path, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     code, out, _ = run(*protecting(folder, "--budget", "regret:0.0004", "--out", tmp_path))
     assert code == 0
-    for word in ("publish this", "atom 1", "draw", "observer: regime 1", "regret that you allow", "publish.csv"):
+    for word in ("publish this", "atom 1", "draw", "observer: regime 1", "knows your budget", "publish.csv"):
         assert word in out
     once = json.loads((tmp_path / "summary.json").read_text())
     assert once["rows"][0]["regret"] <= 0.0004 * (1 + 1e-9)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from inscrutable.decision_makers import CounterAdversarialDecisionMaker
 from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Reading, attack_weights
 from inscrutable.experiments.protect import implausible_rows, protect
+from inscrutable.geometry import simplex_grid
 from inscrutable.privacy import DesiredObfuscation, Infeasibility, MaximalObfuscation, NonExistence
 from inscrutable.reports.protect import (
     option_lines,
@@ -48,6 +50,41 @@ def test_budget_privacy_and_conclusion() -> None:
         assert (belief <= high + 1e-6).all(), "who knows the budget is never wrong"
         assert found.optimal_sets[step].contains(belief)
     assert "regret" in found.summary()
+
+
+@pytest.mark.parametrize("budget", ["5%", "150%"])
+def test_who_knows_a_share_of_the_cost_reads_what_is_affordable_by_it(budget: str) -> None:
+    problem, belief = MODEL.problem, BELIEFS[1]
+    found = protect(MODEL, belief, Budget.parse(budget), rng=np.random.default_rng(0))
+    action, grid = found.deterministic.action[0], simplex_grid(3, 200)
+    cost = problem.optimal_cost(grid)
+    allowed = 0.05 * np.abs(cost) if budget == "5%" else 1.5 * abs(float(problem.optimal_cost(belief)))
+    inside = grid[problem.regret(grid, action) <= allowed]
+    low, high = found.aware_bounds[0].T
+    np.testing.assert_allclose(low, inside.min(axis=0), atol=0.006)
+    np.testing.assert_allclose(high, inside.max(axis=0), atol=0.006)
+
+
+def test_the_decimals_that_keep_the_privacy_are_stated() -> None:
+    """As an attack on a file of so many decimals reads them."""
+    found = protect(MODEL, BELIEFS, 0.1, rng=np.random.default_rng(0))
+    for step, belief in enumerate(BELIEFS):
+        stated = re.search(
+            r"at least (\d) decimals: with \d, .* as near to yours as (.*)\.$", found.rounding_note(step)
+        )
+        assert stated
+        decimals, near = int(stated[1]), float(stated[2])
+        for digits, most in ((decimals, np.inf), (decimals - 1, 0.9 * found.deterministic.privacy[step])):
+            published = pd.DataFrame([found.deterministic.action[step]], columns=list(MODEL.assets)).round(digits)
+            corners = attack_weights(MODEL, published, decimals=digits).rows[0].corners
+            around = np.random.default_rng(1).dirichlet(np.ones(len(corners)), 4000) @ corners
+            distance = float(np.linalg.norm(np.vstack([corners, around]) - belief, axis=1).min())
+            assert distance <= most
+            if digits == decimals:
+                assert distance >= 0.88 * found.deterministic.privacy[step]
+            else:
+                assert distance == pytest.approx(near, abs=0.02)
+    assert not protect(MODEL, BELIEFS[0], 0.0, rng=np.random.default_rng(0)).rounding_note()
 
 
 def test_one_belief_frames_and_defaults() -> None:

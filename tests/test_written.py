@@ -34,6 +34,30 @@ def test_only_own_files_that_nobody_changed_are_deleted(tmp_path: Path) -> None:
     assert left == {"a.csv", "b.csv", "mine.txt", "attack.csv", "files.json"}
 
 
+def test_no_command_replaces_the_summary_of_another(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "w.csv").write_text("month,A,B\n2020-01,0.5,0.5\n")
+    (tmp_path / "S.csv").write_text("asset,A,B\nA,0.04,0.01\nB,0.01,0.02\n")
+    replace_files(tmp_path, "backtest", files(tmp_path, "summary.json", "table.csv"))
+    command = [
+        "views",
+        "--weights",
+        "w.csv",
+        "--covariance",
+        "S.csv",
+        "--risk-aversion",
+        "5",
+        "--digits",
+        "4",
+        "--quiet",
+    ]
+    command = [str(tmp_path / each) if each.endswith(".csv") else each for each in command]
+    assert cli.main([*command, "--out", str(tmp_path)]) == 3
+    assert "has the results of backtest, whose summary.json views would replace" in capsys.readouterr().err
+    assert (tmp_path / "summary.json").read_text() == "1"
+    for _ in range(2):  # its own it replaces
+        assert cli.main([*command, "--out", str(tmp_path / "views")]) == 0
+
+
 @pytest.mark.parametrize(
     "text", ["", "[1]", "{", '{"backtest": 3}', '{"backtest": {"../outside.txt": "x", "sub/x": 1}}']
 )

@@ -109,7 +109,7 @@ def reproduce(
 
     sizes: dict[str, Any] = {"markets": markets, "simulations": simulations, "steps": steps, "resolution": resolution}
     settings = ReproductionSettings(seed=seed, budget=budget, **sizes)
-    folder = writable_folder(out)
+    folder = writable_folder(out, "reproduce")
     speech.detail(f"Settings: {settings}")
     with resumable(folder / STUDY, AGAIN):
         with speech.progress("Random markets") as move:
@@ -217,7 +217,7 @@ def backtest(
         if rival is not None:
             raise UsageError("--alphas takes no --rival: the rival there is one who copies the weights")
         asked = {"risk_aversion": risk_aversion, "covariance": covariance, "train_until": train_until, "seed": seed}
-        backtest_means(means, table, rate, asked, budget, writable_folder(out), speech)
+        backtest_means(means, table, rate, asked, budget, writable_folder(out, "backtest"), speech)
         return 0
     chosen_measure, chosen_budget = measure_of(measure, target), None if budget is None else budget_of(budget, speech)
     own = _own_model(model, limits)
@@ -249,7 +249,7 @@ def backtest(
         raise UsageError("--regime-names names the columns of --beliefs: give both")
     held = None if beliefs is None else _own_beliefs(beliefs, regime_names, settings.regimes, speech, names)
     beside = beside_of(public, private, table, embedded=is_embedded)
-    folder = writable_folder(out)
+    folder = writable_folder(out, "backtest")
     fitting = f"fitting {count} regimes" if names is None else f"{settings.regimes} regimes of {model}, training sample"
     speech.log(f"{table.shape[1]} assets, {len(table)} rows; {fitting} up to {train_until}")
     with speech.progress("Decisions") as move:
@@ -443,7 +443,7 @@ def protect(
     held: Any = single if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
     if means.returns is not None:
         held, _ = belief_after(means.returns, investor, speech)
-    folder = None if out is None else writable_folder(out)
+    folder = None if out is None else writable_folder(out, "protect")
     with speech.progress("Steps") as move:
         if planned is not None:
             held = attack_weights(investor, planned, progress=part_of(move, 0, experiment.PARTS + 1))
@@ -494,7 +494,9 @@ def _show_protection(found: Protection) -> None:
             f"{regime} {low:.2f} to {high:.2f}"
             for regime, (low, high) in zip(found.model.regimes, found.aware_bounds[0], strict=True)
         )
-        results().print(f"An observer who also knows the regret that you allow infers: {low_high}.")
+        results().print(f"An observer who also knows your budget infers: {low_high}.")
+        if note := found.rounding_note():
+            results().print(note)
 
 
 @app.command(name="compile")

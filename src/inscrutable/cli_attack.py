@@ -71,7 +71,7 @@ def attack(
         limit = budget_in(investor.world, investor.problem, limit)
     table = weights_of(weights, investor.assets, normalise, map_)
     before = None if previous is None else one_row(weights_of(previous, investor.assets, normalise, map_), previous)
-    folder = None if out is None else writable_folder(out)
+    folder = None if out is None else writable_folder(out, "attack")
     speech.log(table.summary())
     with speech.progress("Rows read") as move:
         found = attack_weights(investor, table, regret=most, previous=before, progress=move)

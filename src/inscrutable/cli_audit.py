@@ -45,7 +45,7 @@ def audit(
 
     steps = whole_numbers_of(lags, "--lags")
     tables = read_records(secrets), read_records(published)
-    folder = None if out is None else writable_folder(out)
+    folder = None if out is None else writable_folder(out, "audit")
     speech.log(f"{len(tables[0])} rows of secrets, {len(tables[1])} of decisions; learning forward in time")
     found = audit_pairs(*tables, lags=steps, embargo=embargo, kind=kind, rng=np.random.default_rng(seed))
     files = [] if folder is None else replaced(folder, "audit", write_audit(found, folder), speech)

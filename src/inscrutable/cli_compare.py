@@ -64,7 +64,7 @@ def compare(
     seen = () if pairs is None else whole_numbers_of(pairs, "--pairs")
     wanted = None if rival is None else read_rival(rival)
     settings = ComparisonSettings(budgets=shares, unit=unit, disclosure=disclosure, pairs=seen, rival=wanted)
-    folder = writable_folder(out)
+    folder = writable_folder(out, "compare")
     speech.detail(f"Settings: {settings}")
     named = None if makers is None else makers_named(makers)
     market_of: dict[str, Any] = {"market": market, "resolution": resolution, "seed": seed, "limits": limits.part()}

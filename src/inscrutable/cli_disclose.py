@@ -59,7 +59,7 @@ def disclose(
     from inscrutable.reports.disclosing import summary_data, write_disclosures
 
     asked = USUAL if disclosures is None else tuple(part.strip() for part in disclosures.split(";"))
-    folder = writable_folder(out)
+    folder = writable_folder(out, "disclose")
     found = market_of(market, resolution, seed)
     setting = Setting.of(found.problem, found.chain)
     speech.log(f"{found.note}; {len(found.prior)} beliefs")

@@ -172,9 +172,15 @@ def _number(text: str, option: str) -> float:
         raise UsageError(f"{option}: {text.strip()!r} is not a number") from None
 
 
-def writable_folder(path: Path) -> Path:
-    """Return a writable folder for results, checked before the work; it is created with its first file."""
+def writable_folder(path: Path, verb: str) -> Path:
+    """Return a writable folder for a verb's results, checked before the work; it is created with its first file.
+
+    Raises `InputError` where it has the summary.json of another verb.
+    """
     from inscrutable.datasets import output_folder
+    from inscrutable.datasets.written import check_folder
+
+    check_folder(path, verb, "summary.json")
 
     before = path.exists()
     folder = output_folder(path)

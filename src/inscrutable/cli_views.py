@@ -79,7 +79,7 @@ def views(
 
     table = _numbers(weights, "--weights")
     problem = _problem(table, covariance, returns, factors, risk_aversion, held, cap)
-    folder = None if out is None else writable_folder(out)
+    folder = None if out is None else writable_folder(out, "views")
     speech.log(f"{len(table)} portfolios of {problem.n_assets} assets, {_risk_text(covariance, returns, factors)}")
     read = {
         label: _read(problem, (weights, label, row), regret=allowed, digits=digits, reference=reference)

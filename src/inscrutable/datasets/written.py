@@ -63,6 +63,15 @@ def replace_files(folder: PathLike, command: str, written: Iterable[Path]) -> li
     return removed
 
 
+def check_folder(folder: PathLike, command: str, name: str) -> None:
+    """Raise `InputError` where a file of another command, which is in the folder's list, has this name."""
+    for other, known in _lists(Path(folder) / LIST).items():
+        if other != command and name in known and (Path(folder) / name).exists():
+            raise InputError(
+                f"{folder} has the results of {other}, whose {name} {command} would replace; choose another folder"
+            )
+
+
 def _lists(path: Path) -> dict[str, Any]:
     """Return the files of each command; empty if the list is missing or invalid."""
     try:

@@ -10,8 +10,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.adversaries import consistent_beliefs, near_optimal_beliefs
+from inscrutable.adversaries import affordable_beliefs, consistent_beliefs
 from inscrutable.budgets import Budget, as_budget
+from inscrutable.datasets.tables import FULL_PRECISION_DIGITS
 from inscrutable.decision_makers import (
     CounterAdversarialDecisionMaker,
     Decisions,
@@ -29,10 +30,11 @@ from inscrutable.experiments.holding import Reached, Requirement, estimate_quali
 from inscrutable.experiments.investor_model import BASIS_POINTS, InvestorModel, checked_model
 from inscrutable.experiments.silence import silence_in
 from inscrutable.geometry import BeliefSet
-from inscrutable.privacy import DesiredObfuscation, PrivacyMeasure
+from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 
+_KEPT = 0.9  # share of the privacy that rounded weights must keep
 PARTS = 3  # parts of the work: CDM, PDM, and the set of the budget-aware observer
 
 
@@ -51,8 +53,9 @@ class Protection:
         deterministic: The most private affordable weights (CDM).
         lotteries: The lotteries of largest expected privacy (PDM).
         drawn: One draw of each lottery.
-        aware_bounds: Bounds of the budget-aware observer, who knows the regret allowed in that row, from the CDM's weights:
-            least and greatest probability of each regime with ρ(π',ū) within it, shape (T,X,2); they contain π.
+        aware_bounds: Bounds of the budget-aware observer, who knows the budget (above 100 % of |c*| the regret allowed in that
+            row), from the CDM's weights: least and greatest probability of each regime under which they are affordable, shape
+            (T,X,2); they contain π.
         planned: The readings of the planned weights, if the beliefs came from weights; else None.
         certified: The relative gap of the requested proof, or None; with a proof `deterministic.privacy_bound` and
             `lotteries.privacy_bound` are valid bounds.
@@ -139,6 +142,27 @@ class Protection:
             "A backtest and a comparison judge the aware observer, who knows the rule."
         )
 
+    def rounding_note(self, step: int = 0) -> str:
+        """Return with how many decimals a row's weights keep their privacy, as text; empty where one is enough.
+
+        Rounding makes the observer's set larger, and may bring the true belief into it.
+        """
+        found, belief = self.deterministic[step], self.beliefs[step]
+        if not isinstance(self.measure, MaximalObfuscation) or not 0.0 < found.privacy < np.inf:
+            return ""
+        left = 0.0
+        for digits in range(1, FULL_PRECISION_DIGITS):
+            before = left
+            left = consistent_beliefs(self.model.problem, found.action.round(digits), digits=digits).distance(belief)
+            if left >= _KEPT * found.privacy:
+                break
+        if digits == 1:
+            return ""
+        return (
+            f"Publish the weights with at least {digits} decimals: with {digits - 1}, an observer cannot exclude beliefs as "
+            f"near to yours as {before:.2f}."
+        )
+
     def _proven(self) -> str:
         if self.certified is None:
             return ""
@@ -221,7 +245,10 @@ def protect(
     lotteries = mixer.decide_many(held, progress=watch[1])
     aware = []
     for step, (action, cost) in enumerate(zip(deterministic.action, deterministic.optimal_cost, strict=True)):
-        aware.append(near_optimal_beliefs(problem, action, limit.limit(float(cost))).bounds())
+        # A share above 1 leaves no convex set: the regret that it allows under this belief does.
+        is_large = limit.is_relative and limit.amount > 1.0
+        known = Budget.regret(limit.limit(float(cost))) if is_large else limit
+        aware.append(affordable_beliefs(problem, action, known).bounds())
         watch[2](step + 1, len(held))
     optimal = problem.solve(held)
     return Protection(

@@ -176,11 +176,13 @@ def project_on_rows(rows: Array, offsets: Array, wanted: Array) -> Array:
     """Return the point of {z : rows z ≤ offsets} nearest to `wanted`."""
     if np.all(rows @ wanted <= offsets):
         return wanted
+    sizes = np.linalg.norm(rows, axis=1)
+    sizes[sizes == 0.0] = 1.0
     z, _, flag, _ = daqp.solve(
         np.eye(wanted.size),
         -wanted,
-        np.ascontiguousarray(rows),
-        offsets,
+        np.ascontiguousarray(rows / sizes[:, None]),  # a row below the solver's zero would count as zero
+        offsets / sizes,
         np.full(offsets.shape, -np.inf),
         np.zeros(offsets.shape, dtype=np.int32),
         primal_tol=tolerances.LINEAR_PROGRAMME,

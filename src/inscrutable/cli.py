@@ -452,7 +452,7 @@ def protect(
     if speech.json:
         speech.summary(protect_summary(found))
         return
-    _show_protection(found)
+    _show_protection(found, [] if planned is None else planned.cautions())
     if means.returns is not None:
         results().print(IF_PUBLIC)
     if folder is None and len(found) > 1:
@@ -474,7 +474,7 @@ def _rng_of(seed: int | None) -> Any:
     return None if seed is None else np.random.default_rng(seed)
 
 
-def _show_protection(found: Protection) -> None:
+def _show_protection(found: Protection, cautions: list[str]) -> None:
     from inscrutable.experiments.protect import implausible_rows
     from inscrutable.reports.protect import option_lines, row_lines
 
@@ -487,6 +487,8 @@ def _show_protection(found: Protection) -> None:
     else:
         show_table(row_lines(found), "What to publish (CDM), what it costs, and what an observer concludes from it")
     results().print(f"{capital(found.summary())}.")
+    for line in cautions:
+        results().print(line)
     if found.verdict:
         results().print(found.verdict)
     if len(found) == 1:

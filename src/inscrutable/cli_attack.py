@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from inscrutable.cli_console import Speech, replaced, show_table
 from inscrutable.cli_limits import WeightOptions, one_row, weights_of
-from inscrutable.cli_values import DATA, Out, RuleName, UsageError, budget_of, writable_folder
+from inscrutable.cli_values import AT_LEAST_0, DATA, Out, RuleName, UsageError, Whole, budget_of, writable_folder
 
 if TYPE_CHECKING:
     from inscrutable.experiments.attack import Attack
@@ -21,6 +21,8 @@ def attack(
     *,
     model: Annotated[Path, Parameter(group=DATA)],
     weights: Annotated[Path, Parameter(group=DATA)],
+    beliefs: Annotated[Path | None, Parameter(group=DATA)] = None,
+    digits: Annotated[Whole | None, Parameter(group=DATA), AT_LEAST_0] = None,
     mechanism: Annotated[RuleName | None, Parameter(group=DATA)] = None,
     budget: Annotated[str | None, Parameter(group=DATA)] = None,
     state: Annotated[Path | None, Parameter(group=DATA)] = None,
@@ -40,6 +42,8 @@ def attack(
     Args:
         model: The model.json of a backtest, or a model.toml of your own with regimes.
         weights: CSV with one column per asset and one row per portfolio; a first column may hold dates or labels.
+        beliefs: CSV of the beliefs behind the weights, one column per regime, by the same dates: are they hidden?
+        digits: Digits after the point that the weights were rounded to. Default: as written.
         mechanism: The rule of the weights, known to the observer: optimal, cdm, pdm, or sequential.
         budget: With `--mechanism`: the rule's budget, as in protect; with `--state` as in its file. Default: the model's.
         state: With `--mechanism sequential`: the file of protect's sequence, which has the rule's prices.
@@ -51,8 +55,9 @@ def attack(
         limits: Limits on the weights.
         out: Folder for attack.csv, summary.json and the figures; without it the results are only printed.
     """
-    from inscrutable.datasets import write_table
+    from inscrutable.datasets import read_beliefs, write_table
     from inscrutable.experiments.attack import attack_weights
+    from inscrutable.experiments.attack_judged import judge_attack
     from inscrutable.experiments.attack_over_time import attack_over_time
     from inscrutable.experiments.own_model import investor_of
     from inscrutable.experiments.silence import budget_in
@@ -65,25 +70,29 @@ def attack(
     limit = None if budget is None else budget_of(budget, speech)
     if map_ is not None and not normalise:
         raise UsageError("--map needs --normalise: it names the holdings of such a file")
+    if digits is not None and normalise:
+        raise UsageError("--digits is for weights as published; of holdings the digits in the file count")
     most = 0.0 if regret is None else _regret_of(regret)
     investor = investor_of(model, limits.part())
     if limit is not None:
         limit = budget_in(investor.world, investor.problem, limit)
     table = weights_of(weights, investor.assets, normalise, map_)
     before = None if previous is None else one_row(weights_of(previous, investor.assets, normalise, map_), previous)
+    held = None if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
     folder = None if out is None else writable_folder(out, "attack")
     speech.log(table.summary())
     with speech.progress("Rows read") as move:
-        found = attack_weights(investor, table, regret=most, previous=before, progress=move)
+        found = attack_weights(investor, table, decimals=digits, regret=most, previous=before, progress=move)
     over_time = None if mechanism is None else attack_over_time(found, mechanism, limit, state=state)
+    judged = None if held is None else judge_attack(found, held, over_time)
     paths = [] if folder is None else write_attack(found, folder)
     if folder is not None and over_time is not None:
         paths.append(folder / "attack_over_time.csv")
         write_table(over_time.table(), paths[-1])
     files = [] if folder is None else replaced(folder, "attack", paths, speech)
     if speech.json:
-        followed = None if over_time is None else over_time.table().to_dict("records")
-        speech.summary(attack_summary(found) | ({} if followed is None else {"over_time": followed}))
+        followed = {} if over_time is None else {"over_time": over_time.table().to_dict("records")}
+        speech.summary(attack_summary(found) | followed | ({} if judged is None else {"judged": judged.figures()}))
         return
     _show_attack(found, speech, whole=folder is None)
     if over_time is not None:
@@ -95,6 +104,8 @@ def attack(
     if over_time is not None:
         for line in over_time.summary().splitlines():
             speech.sentence(line)
+    for line in [*table.cautions(digits), *([] if judged is None else judged.summary().splitlines())]:
+        speech.sentence(line)
     speech.files(files)
 
 

@@ -6,6 +6,7 @@ import math
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from difflib import get_close_matches
 from itertools import chain
 from typing import NamedTuple
@@ -19,6 +20,7 @@ from inscrutable.datasets._cells import TextTable, is_missing, read_text_table, 
 from inscrutable.datasets._dates import label_index
 from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, WeightsTable
 from inscrutable.errors import InputError
+from inscrutable.labels import label_text
 
 _CASH = {"cash", "usd", "eur", "money market", "cash and equivalents", "cash & equivalents", "cash_usd"}
 _TICKERS, _VALUES = ("ticker", "symbol", "asset"), ("value", "market value", "dollars", "weight", "percent")
@@ -81,7 +83,8 @@ def read_holdings(
     known = _Names(table, list(map(str, assets)), dict(names or {}))
     is_long = any(name in _TICKERS for name in header) and set(header) <= _LONG
     values, halves, cash, index = _long(table, header, known) if is_long else _wide(table, known)
-    return _as_weights(table, known, values, halves, cash, index)
+    found = _as_weights(table, known, values, halves, cash, index)
+    return found if is_long else replace(found, missing=tuple(each for each in known.assets if each not in known.seen))
 
 
 class _Names:
@@ -96,6 +99,7 @@ class _Names:
         for asset in assets:
             self._folded.setdefault(asset.casefold(), []).append(asset)
         self.left_out: list[str] = []
+        self.seen: set[str] = set()
 
     def place(self, label: str, where: str) -> int | None:
         """Return the index of an asset; None for cash and labels left out."""
@@ -118,6 +122,7 @@ class _Names:
         if not asset:
             self.left_out.append(label)
             return None
+        self.seen.add(asset)
         return self.assets.index(asset)
 
 
@@ -237,6 +242,11 @@ def _same_unit(table: TextTable, row: int, cells: Sequence[_Cell], kinds: set[bo
         raise InputError(f"{table.path}, line {table.lines[row]}: some amounts have a per cent sign and some have none")
 
 
+def _absent(known: _Names) -> str:
+    absent = [each for each in known.assets if each not in known.seen]
+    return f"; the file does not name {', '.join(absent)}" if absent else ""
+
+
 def _as_weights(
     table: TextTable,
     known: _Names,
@@ -249,13 +259,14 @@ def _as_weights(
     void = ~(sums > tolerances.TINY) | (np.abs(values).sum(axis=1) > _MOST_GROSS * np.abs(sums))
     for row in np.flatnonzero(void).tolist():
         raise InputError(
-            f"{table.path}, portfolio {index[row]}: the model's assets add up to {sums[row]:g}, expected more than 0"
+            f"{table.path}, portfolio {label_text(index[row])}: the model's assets add up to {sums[row]:g}, expected more "
+            f"than 0{_absent(known)}"
         )
     out = np.abs(cash) / (np.abs(cash) + np.abs(values).sum(axis=1))
     if out.max(initial=0.0) >= _MOST_LEFT_OUT:
         row = int(out.argmax())
         raise InputError(
-            f"{table.path}, portfolio {index[row]}: {out[row]:.0%} of the value is left out "
+            f"{table.path}, portfolio {label_text(index[row])}: {out[row]:.0%} of the value is left out "
             f"({', '.join(sorted(set(known.left_out)))}); the rest would say little of the portfolio"
         )
     # w = v/S: an error of h_j in each v moves w_j by no more than (h_j + w_j Σh)/S.

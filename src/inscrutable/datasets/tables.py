@@ -43,12 +43,29 @@ class WeightsTable:
             digit.
         left_out: Largest share of a row's value outside the model's assets, such as cash.
         others: The labels left out.
+        missing: Assets of the model without a column in a wide file of holdings, whose weights are therefore 0.
     """
 
     frame: pd.DataFrame
     decimals: int | None
     left_out: float = 0.0
     others: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
+
+    def cautions(self, digits: int | None = None) -> list[str]:
+        """Return what may be wrong with the weights as they are read, a sentence each; `digits` replaces those written."""
+        told = []
+        if self.missing:
+            told.append(
+                f"Caution: the file has no column for {', '.join(self.missing)}; the weight there counts as 0, and the others "
+                "are scaled to the sum 1."
+            )
+        if (self.decimals if digits is None else digits) == 0:
+            told.append(
+                "Caution: whole numbers are read as weights rounded to whole numbers, which say little; --digits 8 reads them "
+                "as they are."
+            )
+        return told
 
     def summary(self) -> str:
         """Return the numbers of rows and assets and the rounding, as one line."""

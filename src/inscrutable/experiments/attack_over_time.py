@@ -69,15 +69,16 @@ class AttackOverTime:
         found = self.inferred
         error = float(np.sqrt(np.mean(found.spread**2)))
         lines = [
-            f"By its own law the aware observer, who knows the rule ({self.rule}), errs by {error:.3f}, root mean square; "
-            f"without weights by {self.prior_error:.3f}, in the long run. It gives the likeliest regime a probability of "
-            f"{found.mean.max(axis=1).mean():.2f} on average."
+            f"If the rule ({self.rule}) and the model are the true ones, the aware observer errs by {error:.3f}, root mean "
+            f"square; without weights by {self.prior_error:.3f}, in the long run. It gives the likeliest regime a probability "
+            f"of {found.mean.max(axis=1).mean():.2f} on average."
         ]
         lost = self.attack.count(Reading.IMPLAUSIBLE)
         if self.n_off:
             lines.append(
-                f"Caution: the rule plays nothing near {self.n_off} of the {len(found)} rows under any belief; the nearest "
-                "weights that it plays stand for them. Does the investor follow it, with this budget?"
+                f"Caution: the rule plays nothing near {self.n_off} of the {len(found)} rows under any belief that the model's "
+                "own filter reaches; the nearest weights that it plays stand for them. Does the investor follow the rule, with "
+                "this budget, by beliefs of this model?"
             )
         index = self.attack.index
         missing = missing_steps(list(index)) if isinstance(index, pd.DatetimeIndex) else ""

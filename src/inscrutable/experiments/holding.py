@@ -122,8 +122,12 @@ class Requirement:
             told += f", not by {self._listed(missed)}"
         return f"{told} ({unread})" if blind else told
 
+    def compare(self, reached: Reached) -> str:
+        """Return the error and the share of right namings as text; one that misses its bound stands beside the bound."""
+        return f"{self._error(reached.error)}, {self._named(reached.named)}"
+
     def _listed(self, reached: Sequence[Reached]) -> str:
-        told = [f"{each.name} ({self._error(each.error)}, {self._named(each.named)})" for each in reached]
+        told = [f"{each.name} ({self.compare(each)})" for each in reached]
         if len(told) > _MOST_LISTED + 1:
             told = [*told[:_MOST_LISTED], f"{len(told) - _MOST_LISTED} more"]
         return listed(told)

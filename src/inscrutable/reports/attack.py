@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from inscrutable import tolerances
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, decimal_places
-from inscrutable.experiments.attack import Attack, Reading, regret_text
+from inscrutable.experiments.attack import Attack, Reading, RowReading, regret_text
 from inscrutable.labels import label_text
 from inscrutable.reports.style import (
     BLACK,
@@ -48,13 +49,19 @@ def attack_table(attack: Attack) -> pd.DataFrame:
         columns[regime] = estimates[:, i]
         columns[f"{regime} least"] = bounds[:, i, 0]
         columns[f"{regime} most"] = bounds[:, i, 1]
-    columns["most likely"] = [regimes[int(i)] for i in estimates.argmax(axis=1)]
+    columns["most likely"] = [_likeliest(attack, row) for row in attack.rows]
     columns["reading"] = [reading_of(attack, step) for step in range(len(attack))]
     columns["least regret"] = [row.gap for row in attack.rows]
     columns["regret allowed for rounding"] = [row.allowance for row in attack.rows]
     columns["KKT residual"] = [row.residual for row in attack.rows]
     columns["weights changed by"] = [row.adjustment for row in attack.rows]
     return pd.DataFrame(columns, index=attack.index)
+
+
+def _likeliest(attack: Attack, row: RowReading) -> str:
+    """Return the regime of largest estimate, or all of several as likely."""
+    most = row.estimate.max() - tolerances.SAME_BELIEF
+    return " or ".join(each for each, share in zip(attack.model.regimes, row.estimate, strict=True) if share >= most)
 
 
 def attack_lines(attack: Attack) -> pd.DataFrame:
@@ -65,7 +72,7 @@ def attack_lines(attack: Attack) -> pd.DataFrame:
             f"{row.estimate[i]:.3f} " + ("[ none ]" if np.isnan(low) else f"[{low:.3f}, {high:.3f}]")
             for row, (low, high) in zip(attack.rows, attack.bounds[:, i], strict=True)
         ]
-    columns["most likely"] = [attack.model.regimes[int(row.estimate.argmax())] for row in attack.rows]
+    columns["most likely"] = [_likeliest(attack, row) for row in attack.rows]
     columns["reading"] = [_SHORT[row.reading].format(row.gap, row.allowance, 1e4 * row.gap) for row in attack.rows]
     return pd.DataFrame(columns, index=attack.index)
 
@@ -282,7 +289,7 @@ def attack_summary(attack: Attack) -> dict[str, Any]:
                 "reading": row.reading.name.lower(),
                 "estimate": row.estimate,
                 "bounds": row.bounds,
-                "most_likely": regimes[int(row.estimate.argmax())],
+                "most_likely": _likeliest(attack, row),
                 "least_regret": row.gap,
                 "regret_allowed_for_rounding": row.allowance,
                 "kkt_residual": row.residual,

@@ -1,0 +1,120 @@
+"""Whether a past record of weights hid the beliefs behind it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from inscrutable import cli
+from inscrutable.decision_makers import CounterAdversarialDecisionMaker
+from inscrutable.errors import InputError
+from inscrutable.experiments.attack import attack_weights
+from inscrutable.experiments.attack_judged import judge_attack
+from inscrutable.experiments.attack_over_time import attack_over_time
+from test_attack import market, published
+
+MODEL = market(20, 5)
+REGIMES = list(MODEL.regimes)
+
+
+def record(n_rows: int, seed: int = 3) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Beliefs by date, and the counter-adversarial weights for them."""
+    dates = pd.date_range("2020-01", periods=n_rows, freq="ME", name="date")
+    held = pd.DataFrame(np.random.default_rng(seed).dirichlet(np.ones(3), n_rows), dates, REGIMES)
+    actions = CounterAdversarialDecisionMaker(MODEL.problem, 0.1).decide_many(held.to_numpy()).action
+    return held, pd.DataFrame(actions, dates, list(MODEL.assets))
+
+
+def test_errors_and_namings_are_those_of_the_estimates() -> None:
+    held, weights = record(20)
+    attack = attack_weights(MODEL, weights)
+    over_time = attack_over_time(attack, "cdm")
+    # Rows and columns of beliefs are joined by label, whatever their order.
+    judged = judge_attack(attack, held.iloc[::-1, ::-1], over_time)
+    eigenvalues, vectors = np.linalg.eig(MODEL.world.transition.T)
+    long_run = np.real(vectors[:, np.argmax(np.real(eigenvalues))])
+    long_run /= long_run.sum()
+    true = held.to_numpy()
+    assert judged.asked.error_without == pytest.approx(float(np.sqrt(((true - long_run) ** 2).sum(axis=1).mean())))
+    for reached, estimates in zip(judged.reached, (attack.estimates, over_time.inferred.mean), strict=True):
+        assert reached.error == pytest.approx(float(np.sqrt(((true - estimates) ** 2).sum(axis=1).mean())))
+        assert reached.named == pytest.approx(float((true.argmax(axis=1) == estimates.argmax(axis=1)).mean()))
+    said = judged.summary().splitlines()
+    assert said[0] == "Compared with your own beliefs in 20 rows:"
+    for line, reached in zip(said[1:3], judged.reached, strict=True):
+        assert (": yes (" in line) == judged.asked.is_met(reached)
+
+
+def test_optimal_weights_hide_nothing_and_unexplained_rows_are_left_out() -> None:
+    held, _ = record(5)
+    weights = published(MODEL, held.to_numpy(), None).set_axis(held.index)
+    judged = judge_attack(attack_weights(MODEL, weights), held)
+    assert judged.reached[0].error < 0.05  # sets larger than points have a centre
+    assert ": no (error 0.0" in judged.summary()
+    weights.iloc[2] = np.full(5, 0.2)
+    judged = judge_attack(attack_weights(MODEL, weights), held)
+    assert judged.n_unread == 1
+    assert judged.reached[0].error < 0.05
+    assert "5 rows (1 that no belief explains left out)" in judged.summary()
+    one = judge_attack(attack_weights(MODEL, weights.iloc[:1]), held)
+    assert one.summary().startswith("Compared with your own belief: the naive observer")
+
+
+def test_rows_and_regimes_that_are_missing_are_named() -> None:
+    held, weights = record(4)
+    attack = attack_weights(MODEL, weights)
+    with pytest.raises(InputError, match="no row for 2020-03-31, expected one row for each of the 4"):
+        judge_attack(attack, held.drop(held.index[2]))
+    with pytest.raises(InputError, match="several rows under one label"):
+        judge_attack(attack, pd.concat([held, held.iloc[:1]]))
+    with pytest.raises(InputError, match="expected the model's regimes"):
+        judge_attack(attack, held.rename(columns={REGIMES[0]: "else"}))
+
+
+def test_the_command_compares_and_reads_other_digits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    held, weights = record(6)
+    MODEL.save(tmp_path / "model.json")
+    held.to_csv(tmp_path / "beliefs.csv")
+    weights.to_csv(tmp_path / "weights.csv")
+    command = ["attack", "--model", str(tmp_path / "model.json"), "--weights", str(tmp_path / "weights.csv"), "--quiet"]
+    assert cli.main([*command, "--beliefs", str(tmp_path / "beliefs.csv"), "--mechanism", "cdm", "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)["judged"]
+    asked = judge_attack(attack_weights(MODEL, weights), held)
+    assert figures["observers"][0]["error"] == pytest.approx(asked.reached[0].error, abs=1e-6)
+    assert len(figures["observers"]) == 2
+    assert cli.main([*command, "--beliefs", str(tmp_path / "beliefs.csv")]) == 0
+    assert "Hidden from the naive observer, who takes the weights at face value: " in capsys.readouterr().out
+
+    corner = pd.DataFrame([[0, 0, 0, 0, 1]], columns=list(MODEL.assets))
+    corner.to_csv(tmp_path / "weights.csv", index_label="row")
+    assert cli.main(command) == 0
+    said = capsys.readouterr().out
+    assert "Caution: whole numbers are read as weights rounded to whole numbers" in said
+    assert " or ".join(REGIMES) in said, "no regime is likelier than another"
+    assert cli.main([*command, "--digits", "8"]) == 0
+    assert "Caution: whole numbers" not in capsys.readouterr().out
+    assert cli.main([*command, "--digits", "8", "--normalise"]) == 2
+
+
+def test_an_asset_without_a_column_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, weights = record(3)
+    MODEL.save(tmp_path / "model.json")
+    weights.drop(columns="A2").to_csv(tmp_path / "weights.csv")
+    command = [
+        "--model",
+        str(tmp_path / "model.json"),
+        "--weights",
+        str(tmp_path / "weights.csv"),
+        "--normalise",
+        "--quiet",
+    ]
+    for verb in ("attack", "protect"):
+        assert cli.main([verb, *command]) == 0
+        assert "Caution: the file has no column for A2; the weight there counts as 0" in capsys.readouterr().out
+    weights[["A0"]].mul(0.0).to_csv(tmp_path / "weights.csv")
+    assert cli.main(["attack", *command]) == 3
+    assert "the file does not name A1, A2, A3, A4" in capsys.readouterr().err

@@ -465,4 +465,4 @@ def test_optimal_costs_of_zero_give_no_nan(found: Backtest, spent: float) -> Non
     own = f"{points} basis points a month by the investor's own belief"
     told = f"{own}." if spent else f"{own}, 0.0% and 0.0% of |c*|, the size of the optimal cost, 0 basis points"
     assert told in said
-    assert not np.isnan(table_of(shifted).loc["regret, % of the optimal cost, both summed"]).any()
+    assert not np.isnan(table_of(shifted).loc["regret, % of the optimal cost, summed over all months"]).any()

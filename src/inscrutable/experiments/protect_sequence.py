@@ -174,7 +174,7 @@ class ProtectedStep:
         lines.append(
             f"{_counted(self.n_published)} published so far: {BASIS_POINTS * self.spent:.3g} bp of wealth and {self.told:.3f} "
             f"bits, in expectation by the observer's law; the budget for as many is "
-            f"{BASIS_POINTS * self.budget * self.n_published:.3g} bp."
+            f"{BASIS_POINTS * self.budget * self.n_published:.3g} bp, on average in the long run."
         )
         lines.append(
             f"In the long run of the model the observer's error is {self.long_run_error:.3f}; the ceiling is "

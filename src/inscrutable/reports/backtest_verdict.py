@@ -53,7 +53,7 @@ def answer(result: Backtest) -> str:
         groups.setdefault(_WHOM[naive, aware and name not in unsure], []).append(name)
     unit, worth = f" basis points of risk-adjusted return a {result.market.frequency.word}", _worth(result)
     if worth > 0.0:
-        unit += f", of {_basis_points(worth)} that the belief is worth"
+        unit += f" (the belief is worth {_basis_points(worth)})"
     parts: list[str] = []
     cost = "a cost of "
     for whom in filter(groups.__contains__, _WHOM.values()):

@@ -87,8 +87,9 @@ def _lead(result: Backtest) -> PagePicture | None:
     caption = (
         f"The marks are the errors of two observers under each decision maker, over {len(result.beliefs)} {word}s. A belief is "
         "hidden where its mark is right of the grey zone and not crossed out; a cross says that the observer names the regime "
-        "too often. The dashed line is the error without weights. The ceiling bounds the aware observer's error in the long "
-        "run, under any rule of the same cost; it does not bound that of the naive one, nor that of a few draws."
+        "too often. The dashed line is the error without weights. The ceiling is the largest error that any rule of the "
+        "same cost leaves the aware observer in the long run; the naive one may err more, and so may the aware one in few "
+        f"{word}s."
     )
     return PagePicture("Error of two observers", caption, drawn[0]) if drawn else None
 
@@ -394,13 +395,13 @@ def _followed_figures(result: Backtest) -> list[PageFigure]:
         ),
         PageFigure(
             "bits",
-            f"Information that the {word}s have given that observer",
+            f"Information that all {word}s have given the aware observer",
             f"The curves are the sums of the bits that each {word} adds to those before it, at the backtest's own budget. The "
             "numbers in the legend are the bits up to the decision above.",
         ),
         PageFigure(
             "errors",
-            "Error of that observer",
+            f"Error of the aware observer who follows all {word}s",
             f"The curves are the error of the estimate, the root mean square over all {word}s so far, at the backtest's own "
             f"budget. The numbers in the legend are the errors at the decision above.{ceiling}",
         ),

@@ -168,7 +168,7 @@
       const ends = [0.5 * amount, Math.min(1.5 * amount, shown, price > 0 ? amount + (top - reached) / (factor * price) : shown)];
       line(drawing, ends.map((x) => place([factor * x, reached + factor * price * (x - amount)])), "#000", "-", 1);
     }
-    svg(drawing, "text", { x: frame.inside.right, y: frame.inside.bottom - 10, "text-anchor": "end", class: "clear" }, `slope: one more ${unit === "% of |c*|" ? unit : "unit of regret"} buys ${short(price)} of Ψ`);
+    svg(drawing, "text", { x: frame.inside.right, y: frame.inside.bottom - 10, "text-anchor": "end", class: "clear" }, `slope: ${short(price)} of privacy for one more ${unit === "% of |c*|" ? unit : "unit of regret"}`);
     for (const name of onTop(makers, (each) => each)) {
       const [atoms] = entry(name, step, budget);
       const look = looks[name];

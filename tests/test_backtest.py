@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -327,6 +328,11 @@ def test_beliefs_of_the_users_own() -> None:
     np.testing.assert_allclose(run(returns, beliefs=more).beliefs, rows, atol=1e-15)
     with pytest.raises(InputError, match=r"beliefs lack 2 of the 9 dates of the decisions: 2010-02-28, 2010-05-31"):
         run(returns, beliefs=given.drop(dates[[2, 5]]))
+    with pytest.raises(InputError, match=r"train_until (\S+) ") as late:
+        run(returns, beliefs=given.iloc[3:])
+    until = re.search(r"train_until (\S+) ", str(late.value))
+    assert until
+    assert len(run(returns, replace(SETTINGS, train_until=until[1]), beliefs=given.iloc[3:]).beliefs) == 6
     for names in (["bear", "bull"], ["calm", "crisis"]):
         with pytest.raises(
             InputError, match=rf"columns \['{names[0]}', '{names[1]}'\], the regimes are \['calm', 'turbulent'\]"

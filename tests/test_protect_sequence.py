@@ -287,6 +287,7 @@ def test_the_command_publishes_once(small, tmp_path: Path, capsys: pytest.Captur
     call = ["protect", "--model", str(file), "--belief", "0.25,0.75", "--state", str(copy)]
     assert main([*call, "--publish", "--seed", "2"]) == 0
     shown = capsys.readouterr().out
+    assert "Caution: whoever knows the seed knows the draw" in shown
     assert "Publish these weights" in shown
     assert "1 decision published so far" in shown
     assert main([*call, "--json"]) == 0

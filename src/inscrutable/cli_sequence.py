@@ -84,6 +84,10 @@ def protect_next(
     show_table(found.lines(), "The lottery of this step, from which --publish draws")
     if found.published is not None:
         results().print(f"Publish these weights, which are recorded: {found.written(found.published)}.")
+        if seed is not None:
+            results().print(
+                "Caution: whoever knows the seed knows the draw; without --seed the operating system draws."
+            )
     for line in found.summary().splitlines():
         results().print(line)
     if isinstance(belief, Path):

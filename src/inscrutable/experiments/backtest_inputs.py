@@ -204,6 +204,13 @@ def beliefs_by_date(beliefs: pd.DataFrame, dates: pd.DatetimeIndex, regimes: tup
             "is which is for you to say; rename the columns, or give their names in the order of the regimes (--regime-names)"
         )
     check_dates(beliefs.index, "beliefs")
+    known = dates.isin(beliefs.index)
+    if known.any() and not known[0] and known[known.argmax() :].all():
+        first = f"{dates[known.argmax()]:%Y-%m-%d}"
+        raise InputError(
+            f"beliefs begin on {first}, the decisions on {dates[0]:%Y-%m-%d}: let the training sample end on that day, "
+            f"train_until {first} (--train-until)"
+        )
     refuse_missing(dates, beliefs.index, "beliefs", "the decisions")
     by_name = set(beliefs.columns) == set(regimes)
     rows = beliefs[list(regimes) if by_name else list(range(len(regimes)))].loc[dates]

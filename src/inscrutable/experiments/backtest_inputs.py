@@ -205,8 +205,9 @@ def beliefs_by_date(beliefs: pd.DataFrame, dates: pd.DatetimeIndex, regimes: tup
         )
     check_dates(beliefs.index, "beliefs")
     known = dates.isin(beliefs.index)
-    if known.any() and not known[0] and known[known.argmax() :].all():
-        first = f"{dates[known.argmax()]:%Y-%m-%d}"
+    begin = int(known.argmax())
+    if begin > 0 and known[begin:].all():
+        first = f"{dates[begin]:%Y-%m-%d}"
         raise InputError(
             f"beliefs begin on {first}, the decisions on {dates[0]:%Y-%m-%d}: let the training sample end on that day, "
             f"train_until {first} (--train-until)"

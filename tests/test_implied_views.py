@@ -388,3 +388,24 @@ def test_many_assets_take_little_memory() -> None:
         implied_views(problem, weights).distance(np.zeros(n))
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # kB; one matrix of n by n is 72,000
     assert "A_ub" not in vars(region)
+
+
+def test_views_of_weights_that_are_all_at_limits_are_among_those_that_explain_them(
+    fresh_rng: np.random.Generator,
+) -> None:
+    """m explains u where m − 2γVu is at least as large at every weight at the cap as at every weight of zero."""
+    n, cap, n_held = 4, 0.5, 0
+    region = simplex(n) & box(np.zeros(n), np.full(n, cap))
+    for _ in range(120):
+        root, mean = fresh_rng.normal(size=(n, n)), 0.02 * fresh_rng.normal(size=n)
+        problem = AlphaProblem(0.01 * root @ root.T / n + 1e-3 * np.eye(n), 4.0, region)
+        weights = problem.optimum(mean)
+        if not np.isin(weights, [0.0, cap]).all():
+            continue
+        n_held += 1
+        views = implied_views(problem, weights)
+        assert views.contains(mean)
+        beyond = mean - 8.0 * problem.risk.dense() @ weights
+        worst = mean - (beyond - beyond[weights == 0.0].max() + 1e-3) * (weights > 0.0)
+        assert not views.contains(worst)
+    assert n_held >= 3

@@ -401,3 +401,15 @@ def test_a_secret_that_stands_still_at_the_mean_of_what_was_learned_is_told_by_n
     assert found.guess_error == found.explained == 0.0
     assert all(each.explained == each.error == 0.0 and not each.tells for each in found.sources)
     assert all(block.explained == 0.0 for block in found.blocks)
+
+
+@pytest.mark.usefixtures("without_sources")
+def test_an_autocorrelated_secret_is_worth_few_rows_and_says_so(fresh_rng: np.random.Generator) -> None:
+    steps = np.sqrt(1 - 0.98**2) * fresh_rng.normal(size=1000)
+    for k in range(1, 1000):
+        steps[k] += 0.98 * steps[k - 1]
+    shown = fresh_rng.normal(size=(300, 2))
+    found = audit_pairs(steps[-300:], shown, shifts=19)
+    assert "180 test rows are worth about" in found.summary()
+    assert not audit_pairs(fresh_rng.normal(size=300), shown, shifts=19).notes
+    assert not audit_pairs(steps[-300:] > 0, shown, shifts=19).notes, "shares wrong have a limit of their own"

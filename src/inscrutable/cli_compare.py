@@ -38,7 +38,7 @@ def compare(
         market: paper (a random market with equally likely beliefs that last as long as regimes), returns (the 12 embedded US
             industries with the law of their investor's belief), the model.json of a backtest, or a model.toml of your own with
             regimes.
-        resolution: Beliefs are multiples of 1/resolution; 30 gives up to 496 for three regimes.
+        resolution: Beliefs are multiples of 1/resolution, one step of the regimes ahead; 30 gives up to 496 for three regimes.
         rival: TOML file whose [problem] is a rival's decision problem: adds its worth of the belief and of decisions.
         budgets: Expected regrets, ascending: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
             regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.

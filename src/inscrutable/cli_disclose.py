@@ -39,7 +39,7 @@ def disclose(
     Args:
         market: returns (the 12 US industries that come with the package, one step a month), paper (a random market), or the
             model.json of a backtest.
-        resolution: Beliefs are multiples of 1/resolution.
+        resolution: Beliefs are multiples of 1/resolution, one step of the regimes ahead.
         disclosures: Schedules separated by semicolons, each a chain of every(n), delayed(steps), rounded(digits),
             long_only(), at_least(weight), top(n), grouped([labels]), form_13f(), n_port(), joined by |. Default: nine
             usual ones.

@@ -215,7 +215,10 @@ class AlphaDecisionMaker:
 
     @property
     def error(self) -> float:
-        """tr(QE), the observer's mean square error about the mean after a decision, per step in the long run."""
+        """tr(QE), the observer's mean square error about the mean after a decision, per step in the long run.
+
+        With inequalities it is a lower bound: weights at a limit hide a part of the estimate.
+        """
         return self.plan.error
 
     @property
@@ -355,7 +358,7 @@ class AlphaDecisionMaker:
         return (
             f"regret a step    {most}{plan.regret:.6g}{share}{drawn}\n"
             f"leaks            {most}{plan.bits:.6f} bits a step\n"
-            f"leaves           a mean square error of {plan.error:.6g} a step\n"
+            f"leaves           {'at least ' if limited else ''}a mean square error of {plan.error:.6g} a step\n"
             f"gap              {self.gap:.1e}{best}\n"
             f"{self.status.value}"
         )

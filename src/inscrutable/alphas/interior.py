@@ -127,7 +127,7 @@ class ErrorProgramme:
             raise SolverError("the interior-point method for the rule over time found no point to start from")
         error = 0.5 * min(1.0, self.limit / float(np.sum(self.theta * faded))) * faded
         size, sensor = float(np.linalg.eigvalsh(self.weights)[-1]), moves.public_sensor
-        heard = size / max(float(np.sum(sensor**2)), np.finfo(float).tiny)
+        heard = size / (float(np.sum(sensor**2)) or 1.0)
         alone = 3.0 * size * np.eye(len(error))
         if radius < 1.0 - tolerances.STABLE:
             alone = np.asarray(solve_discrete_lyapunov(moves.transition.T, alone))

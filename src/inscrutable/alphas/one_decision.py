@@ -214,7 +214,7 @@ def _next_price(
     """Return the next multiplier, by the slope of log regret in log multiplier, and the bracket."""
     low, high = bracket = (price, bracket[1]) if spent > limit else (bracket[0], price)
     if spent > 0.0 and slope < 0.0:
-        guess = price * float(np.exp(np.clip(np.log(limit / spent) / slope, -3.0, 3.0)))
+        guess = price * float(np.exp(np.clip(np.log(max(limit / spent, tolerances.TINY)) / slope, -3.0, 3.0)))
         if low < guess < high and not abs(guess - price) > 0.5 * (high - low):
             return guess, bracket
     if np.isinf(high):

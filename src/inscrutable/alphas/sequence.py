@@ -54,7 +54,8 @@ class AlphaPath(Saved):
 
     Args:
         actions: u_t, shape (T,n).
-        estimates: m̂_t, the observer's mean after each decision, shape (T,k).
+        estimates: m̂_t, the observer's mean after each decision, shape (T,k); with inequalities that of an observer who is told
+            m̂_t, of which weights at a limit reveal a part only.
         predictions: m̂_t⁻, its mean before it, shape (T,k).
         regrets: Regret of each decision, shape (T,).
         bits: Leakage of each decision by the observer's law, shape (T,); the first ones differ from the long run.

@@ -191,6 +191,8 @@ def _levels(apart: Array, rows: Array, n_free: int, low: np.ndarray, high: np.nd
     levels = np.zeros(len(rows))
     left = _cut(apart, low, high)
     for _ in range(_MOST_TURNS):
+        if not left.any():
+            return levels
         matters = ~(low | high) | (left != 0.0)
         if len(rows) == n_free:
             goal = np.linalg.lstsq(rows[:, matters].T, apart[matters], rcond=tolerances.RANK)[0]

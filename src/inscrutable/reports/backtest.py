@@ -173,7 +173,7 @@ def _worth_rows(result: Backtest) -> list[_Row]:
     invests = isinstance(rival, RivalProblem) and isinstance(rival.problem, MarkowitzProblem)
     unit = f"bp per {word}" if invests else rival.unit
     form: tuple[float, str] = (_BASIS_POINTS, ".2f") if invests else (1.0, ".3g")
-    copied = [_Row("worth_copied", "  of holding the published weights, as they are", *form)] if own else []
+    copied = [_Row("worth_copied", "  of holding the weights, in expectation over the draws", *form)] if own else []
     return [
         _Row(
             "worth_secret",

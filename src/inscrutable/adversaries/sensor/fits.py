@@ -40,7 +40,7 @@ class SensorFit(NamedTuple):
         groups: The steps by symbol.
         status: Whether the steps determine the sensor.
         residual: Largest distance of a belief from the filter's.
-        noise: Standard deviation of a belief's coordinate.
+        noise: Standard deviation of a belief's error in any direction of the simplex.
         n_unseen: Number of last columns that belong to symbols never observed.
     """
 

@@ -77,7 +77,8 @@ class EstimatedSensor(_Answer):
         residual: Largest Euclidean distance of a belief from the filter's update of the belief before it.
         status: Whether the data determine the sensor.
         intervals: 95 % intervals of each entry, shape (X,Y,2).
-        noise: Standard deviation of one belief's coordinate, estimated from the residuals.
+        noise: Standard deviation of a belief's error in any direction of the simplex, √(X/(X−1)) times that of a coordinate,
+            estimated from the residuals.
 
     Source: Mattila, Rojas, Krishnamurthy, Wahlberg, Inverse Filtering for Hidden Markov Models, NeurIPS 2017.
 

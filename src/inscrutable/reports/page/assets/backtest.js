@@ -319,7 +319,7 @@
 
   // ---- the aware observer who follows every decision, at the backtest's own budget
   function drawFollowed(step) {
-    const held = Object.entries(followed.beliefs).map(([name, rows]) => [`believed by the aware observer: ${spelled(name)}`, rows]);
+    const held = Object.entries(followed.beliefs).map(([name, rows]) => [`from the weights: ${spelled(name)}`, rows]);
     drawStrips("followed", step, [["the investor's own belief π", beliefs], ...held]);
   }
 

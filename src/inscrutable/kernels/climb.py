@@ -41,9 +41,11 @@ FIRST_TURNS, LATER_TURNS, _NO_TURNS = integer(8), integer(3), integer(0)
 _MOST_TRIALS = 180  # of a climb, a limit: a few times what the slowest of the kept instances took
 _NEARBY = 1e-3  # a row is left out of the steps until its value has come below this
 _MOST_SHIFTS, _FIRST_SHIFT = 60, 1e-3  # of the Hessian, in units of its size
-_GROWTH = 4.0  # of the shift, from one to the next
+_GROWTH = 4.0
+"""Factor from one shift to the next. With 2 one and with 10 two of 600 decisions over two to seven states lose up to 19 %."""
 _CONVEX = 1e-9  # least share of a pivot that may remain
-_ACROSS = 3.0  # curvature across rows that held, over the largest of the rest
+_ACROSS = 3.0
+"""Curvature across rows that held, over the largest of the rest. With 1, 25 of these 600 lose up to 19 %, with 10 two."""
 SHORTER, SHORTEST = 0.3, 1e-3  # a step that does not help is cut to this share, and given up below that
 
 

@@ -19,7 +19,9 @@ from inscrutable.tolerances import PIVOT, SIMPLEX_DIAMETER
 
 _LONGEST = 1e6  # step along an unbounded line
 _NO_INTERVAL = (1.0, -1.0)
-_TRIES = 4  # of decisions on a line, from its end on
+_TRIES = 4
+"""Decisions tried on a line, from its end on. With one, 4 of 600 decisions over two to seven states lose up to 10 %; with ten
+none changes."""
 _SHRINK = 0.5  # of the step, from one to the next
 
 

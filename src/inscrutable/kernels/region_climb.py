@@ -23,7 +23,9 @@ from inscrutable.tolerances import BUDGET_SAFETY, ROW_IN_REACH
 
 _HALVINGS = 12  # of a step that crosses a boundary; with 20 no privacy is larger by 1e-5 of itself
 _IMPOSSIBLE = 1e-5  # a probability that counts as zero on a boundary: climbs leave more of it than rounding
-_STARTS = 2  # ends of lines from which a set's slopes are followed, besides the best decision so far
+_STARTS = 2
+"""Ends of lines from which a set's slopes are followed, besides the best decision so far. With one, 2 of 600 decisions over two
+to seven states lose up to 10 %; with four one gains 30 %."""
 
 
 class Aims(NamedTuple):

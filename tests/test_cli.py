@@ -121,6 +121,7 @@ def test_help_loads_nothing_heavy() -> None:
     [
         (["nonsense"], "nonsense"),
         (["attack"], "--model"),
+        (["protect", "--budget", "-5%"], "A value that begins with a minus is written --budget=-5%"),
         (["attack", "--modle", "x"], "--modle"),
         (["backtest", "--regimes", "three"], "three"),
         (["backtest", "--regimes", "2.5"], '"2.5" into a whole number'),

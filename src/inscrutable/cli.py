@@ -7,8 +7,10 @@ Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure,
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -538,7 +540,13 @@ def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
         sys.stdout.flush()
     except CycloptsError as error:
         # The same words for an option that was left out and for one without its value.
-        return _said(f"{error}".replace("requires an argument", "is needed, with a value"), USAGE, tokens)
+        said = f"{error}".replace("requires an argument", "is needed, with a value")
+        pairs = [
+            f"{name}={value}" for name, value in pairwise(tokens) if name[:2] == "--" and re.match(r"-[\d.]", value)
+        ]
+        return _said(
+            said + (f" A value that begins with a minus is written {pairs[0]}." if pairs else ""), USAGE, tokens
+        )
     except UsageError as error:
         return _said(f"{error}", USAGE, tokens)
     except DiskError as error:

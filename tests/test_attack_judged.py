@@ -15,6 +15,8 @@ from inscrutable.errors import InputError
 from inscrutable.experiments.attack import attack_weights
 from inscrutable.experiments.attack_judged import judge_attack
 from inscrutable.experiments.attack_over_time import attack_over_time
+from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.worlds import HiddenMarkovModel
 from test_attack import market, published
 
 MODEL = market(20, 5)
@@ -38,30 +40,53 @@ def test_errors_and_namings_are_those_of_the_estimates() -> None:
     eigenvalues, vectors = np.linalg.eig(MODEL.world.transition.T)
     long_run = np.real(vectors[:, np.argmax(np.real(eigenvalues))])
     long_run /= long_run.sum()
-    true = held.to_numpy()
-    assert judged.asked.error_without == pytest.approx(float(np.sqrt(((true - long_run) ** 2).sum(axis=1).mean())))
-    for reached, estimates in zip(judged.reached, (attack.estimates, over_time.inferred.mean), strict=True):
-        assert reached.error == pytest.approx(float(np.sqrt(((true - estimates) ** 2).sum(axis=1).mean())))
-        assert reached.named == pytest.approx(float((true.argmax(axis=1) == estimates.argmax(axis=1)).mean()))
+    true, commonest = held.to_numpy(), np.bincount(held.to_numpy().argmax(axis=1)).max() / 20
     said = judged.summary().splitlines()
     assert said[0] == "Compared with your own beliefs in 20 rows:"
-    for line, reached in zip(said[1:3], judged.reached, strict=True):
-        assert (": yes (" in line) == judged.asked.is_met(reached)
+    for line, each, estimates in zip(
+        said[1:3], judged.observers, (attack.estimates, over_time.inferred.mean), strict=True
+    ):
+        assert each.asked
+        assert each.asked.error_without == pytest.approx(float(np.sqrt(((true - long_run) ** 2).sum(axis=1).mean())))
+        assert each.asked.chance == pytest.approx(commonest)
+        assert each.reached.error == pytest.approx(float(np.sqrt(((true - estimates) ** 2).sum(axis=1).mean())))
+        assert each.reached.named == pytest.approx(float((true.argmax(axis=1) == estimates.argmax(axis=1)).mean()))
+        assert (": yes (" in line) == each.is_hidden == each.asked.is_met(each.reached)
 
 
-def test_optimal_weights_hide_nothing_and_unexplained_rows_are_left_out() -> None:
+def test_optimal_weights_hide_nothing_and_rows_that_are_not_read_do_not_count() -> None:
     held, _ = record(5)
     weights = published(MODEL, held.to_numpy(), None).set_axis(held.index)
     judged = judge_attack(attack_weights(MODEL, weights), held)
-    assert judged.reached[0].error < 0.05  # sets larger than points have a centre
+    assert judged.observers[0].reached.error < 0.05  # sets larger than points have a centre
     assert ": no (error 0.0" in judged.summary()
     weights.iloc[2] = np.full(5, 0.2)
     judged = judge_attack(attack_weights(MODEL, weights), held)
-    assert judged.n_unread == 1
-    assert judged.reached[0].error < 0.05
-    assert "5 rows (1 that no belief explains left out)" in judged.summary()
+    assert "5 rows; the naive observer reads 4 of them" in judged.summary()
+    read = weights.index != weights.index[2]
+    assert judged.observers == judge_attack(attack_weights(MODEL, weights[read]), held[read]).observers
     one = judge_attack(attack_weights(MODEL, weights.iloc[:1]), held)
-    assert one.summary().startswith("Compared with your own belief: the naive observer")
+    assert "in 1 row:\nError of the naive observer" in one.summary()
+    none = judge_attack(attack_weights(MODEL, weights.iloc[[2, 2]].set_axis(held.index[:2])), held)
+    assert "not known, as no belief explains any row" in none.summary()
+    assert "nan" not in none.summary()
+    assert none.figures()["observers"][0]["is_hidden"] is None
+
+
+@pytest.mark.parametrize("likely", [0, 1, 2])
+def test_weights_that_every_belief_explains_name_no_regime(likely: int) -> None:
+    held, _ = record(4)
+    held[:] = 0.1 + 0.7 * np.eye(3)[likely]
+    weights = pd.DataFrame([[0, 0, 0, 0, 1]] * 4, held.index, list(MODEL.assets))
+    (found,) = judge_attack(attack_weights(MODEL, weights, decimals=0), held).observers
+    assert found.reached.named == pytest.approx(1 / 3)
+
+
+def test_a_chain_without_a_unique_stationary_law_has_no_verdict() -> None:
+    held, weights = record(4)
+    world = HiddenMarkovModel(np.eye(3), MODEL.world.emission, initial=np.full(3, 1 / 3))
+    model = InvestorModel(world, MODEL.problem, MODEL.assets, MODEL.regimes)
+    assert "\nError of the naive observer" in judge_attack(attack_weights(model, weights), held).summary()
 
 
 def test_rows_and_regimes_that_are_missing_are_named() -> None:
@@ -73,6 +98,8 @@ def test_rows_and_regimes_that_are_missing_are_named() -> None:
         judge_attack(attack, pd.concat([held, held.iloc[:1]]))
     with pytest.raises(InputError, match="expected the model's regimes"):
         judge_attack(attack, held.rename(columns={REGIMES[0]: "else"}))
+    with pytest.raises(InputError, match="sums to"):
+        judge_attack(attack, 3 * held)
 
 
 def test_the_command_compares_and_reads_other_digits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -84,9 +111,11 @@ def test_the_command_compares_and_reads_other_digits(tmp_path: Path, capsys: pyt
     assert cli.main([*command, "--beliefs", str(tmp_path / "beliefs.csv"), "--mechanism", "cdm", "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)["judged"]
     asked = judge_attack(attack_weights(MODEL, weights), held)
-    assert figures["observers"][0]["error"] == pytest.approx(asked.reached[0].error, abs=1e-6)
+    assert figures["observers"][0]["error"] == pytest.approx(asked.observers[0].reached.error, abs=1e-6)
     assert len(figures["observers"]) == 2
-    assert cli.main([*command, "--beliefs", str(tmp_path / "beliefs.csv")]) == 0
+    out = tmp_path / "out"
+    assert cli.main([*command, "--beliefs", str(tmp_path / "beliefs.csv"), "--out", str(out)]) == 0
+    assert json.loads((out / "summary.json").read_text())["judged"]["n_rows"] == 6
     assert "Hidden from the naive observer, who takes the weights at face value: " in capsys.readouterr().out
 
     corner = pd.DataFrame([[0, 0, 0, 0, 1]], columns=list(MODEL.assets))
@@ -96,7 +125,11 @@ def test_the_command_compares_and_reads_other_digits(tmp_path: Path, capsys: pyt
     assert "Caution: whole numbers are read as weights rounded to whole numbers" in said
     assert " or ".join(REGIMES) in said, "no regime is likelier than another"
     assert cli.main([*command, "--digits", "8"]) == 0
-    assert "Caution: whole numbers" not in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "Caution: whole numbers" not in said
+    assert "rounding to" not in said
+    assert cli.main([*command, "--beliefs", str(tmp_path / "beliefs.csv")]) == 2
+    assert "give weights with a first column of dates" in capsys.readouterr().err
     assert cli.main([*command, "--digits", "8", "--normalise"]) == 2
 
 

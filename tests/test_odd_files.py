@@ -489,8 +489,12 @@ def test_numbers_without_their_last_zeros_have_the_digits_of_the_others(tmp_path
     assert short == read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals == 3
     file.write_text("asset,weight\nOil,0.2211\nFood,0.6\nTech,0.1789\n")
     assert read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals == 3
-    file.write_text("asset,shares,price\nOil,100,30\nFood,500,12.25\nTech,20,88.5\n")  # 30 is 30.00
-    assert read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals == 3
+    file.write_text("date,Oil,Food,Tech,Cash\n2020-01,221,612,167,12.345678\n")  # what is left out does not count
+    assert read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals == 2
+    file.write_text(
+        "asset,shares,price\nOil,100,30\nFood,500,12\nTech,2000,0.12345\n"
+    )  # nor a penny's price for others
+    assert read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals == 1
 
 
 def test_decisions_of_any_number_of_digits_are_read(fresh_rng):

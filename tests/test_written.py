@@ -56,6 +56,9 @@ def test_no_command_replaces_the_summary_of_another(tmp_path: Path, capsys: pyte
     assert (tmp_path / "summary.json").read_text() == "1"
     for _ in range(2):  # its own it replaces
         assert cli.main([*command, "--out", str(tmp_path / "views")]) == 0
+    (tmp_path / "summary.json").unlink()
+    for _ in range(2):  # and one that is gone, or changed since, is nobody's
+        assert cli.main([*command, "--out", str(tmp_path)]) == 0
 
 
 @pytest.mark.parametrize(

@@ -452,7 +452,7 @@ def protect(
         found = experiment.protect(investor, held, limit, chosen, certify=certify, rng=rng, progress=move)
     files = [] if folder is None else replaced(folder, "protect", write_protect(found, folder), speech)
     if speech.json:
-        speech.summary(protect_summary(found))
+        speech.summary(protect_summary(found) | {"cautions": [] if planned is None else planned.cautions()})
         return
     _show_protection(found, [] if planned is None else planned.cautions())
     if means.returns is not None:
@@ -542,7 +542,9 @@ def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
         # The same words for an option that was left out and for one without its value.
         said = f"{error}".replace("requires an argument", "is needed, with a value")
         pairs = [
-            f"{name}={value}" for name, value in pairwise(tokens) if name[:2] == "--" and re.match(r"-[\d.]", value)
+            f"{name}={value}"
+            for name, value in pairwise(tokens)
+            if f"{name} is needed" in said and re.match(r"-[\d.]", value)
         ]
         return _said(
             said + (f" A value that begins with a minus is written {pairs[0]}." if pairs else ""), USAGE, tokens

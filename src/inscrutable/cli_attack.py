@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -42,7 +43,7 @@ def attack(
     Args:
         model: The model.json of a backtest, or a model.toml of your own with regimes.
         weights: CSV with one column per asset and one row per portfolio; a first column may hold dates or labels.
-        beliefs: CSV of the beliefs behind the weights, one column per regime, by the same dates: are they hidden?
+        beliefs: CSV of the beliefs behind dated weights, one column per regime, by the same dates: are they hidden?
         digits: Digits after the point that the weights were rounded to. Default: as written.
         mechanism: The rule of the weights, known to the observer: optimal, cdm, pdm, or sequential.
         budget: With `--mechanism`: the rule's budget, as in protect; with `--state` as in its file. Default: the model's.
@@ -55,7 +56,10 @@ def attack(
         limits: Limits on the weights.
         out: Folder for attack.csv, summary.json and the figures; without it the results are only printed.
     """
+    import pandas as pd
+
     from inscrutable.datasets import read_beliefs, write_table
+    from inscrutable.datasets.tables import FULL_PRECISION_DIGITS
     from inscrutable.experiments.attack import attack_weights
     from inscrutable.experiments.attack_judged import judge_attack
     from inscrutable.experiments.attack_over_time import attack_over_time
@@ -77,22 +81,27 @@ def attack(
     if limit is not None:
         limit = budget_in(investor.world, investor.problem, limit)
     table = weights_of(weights, investor.assets, normalise, map_)
+    if digits is not None:
+        table = replace(table, decimals=digits if digits < FULL_PRECISION_DIGITS else None)
+    if beliefs is not None and not isinstance(table.frame.index, pd.DatetimeIndex):
+        raise UsageError("--beliefs compares by dates: give weights with a first column of dates")
     before = None if previous is None else one_row(weights_of(previous, investor.assets, normalise, map_), previous)
     held = None if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
     folder = None if out is None else writable_folder(out, "attack")
     speech.log(table.summary())
     with speech.progress("Rows read") as move:
-        found = attack_weights(investor, table, decimals=digits, regret=most, previous=before, progress=move)
+        found = attack_weights(investor, table, regret=most, previous=before, progress=move)
     over_time = None if mechanism is None else attack_over_time(found, mechanism, limit, state=state)
     judged = None if held is None else judge_attack(found, held, over_time)
-    paths = [] if folder is None else write_attack(found, folder)
+    more = ({} if judged is None else {"judged": judged.figures()}) | {"cautions": table.cautions()}
+    paths = [] if folder is None else write_attack(found, folder, more=more)
     if folder is not None and over_time is not None:
         paths.append(folder / "attack_over_time.csv")
         write_table(over_time.table(), paths[-1])
     files = [] if folder is None else replaced(folder, "attack", paths, speech)
     if speech.json:
         followed = {} if over_time is None else {"over_time": over_time.table().to_dict("records")}
-        speech.summary(attack_summary(found) | followed | ({} if judged is None else {"judged": judged.figures()}))
+        speech.summary(attack_summary(found) | followed | more)
         return
     _show_attack(found, speech, whole=folder is None)
     if over_time is not None:
@@ -104,7 +113,7 @@ def attack(
     if over_time is not None:
         for line in over_time.summary().splitlines():
             speech.sentence(line)
-    for line in [*table.cautions(digits), *([] if judged is None else judged.summary().splitlines())]:
+    for line in [*table.cautions(), *([] if judged is None else judged.summary().splitlines())]:
         speech.sentence(line)
     speech.files(files)
 

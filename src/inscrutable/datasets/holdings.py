@@ -8,7 +8,6 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -59,8 +58,8 @@ def read_holdings(
 
     Returns:
         A `WeightsTable`. `decimals` is such that rounding in the file changes a weight by at most half a unit of the last
-        digit; all numbers of a file have the digits of the longest, as spreadsheets drop zeros at the end. `left_out` is
-        the largest share of a row's value outside the model, `others` its labels.
+        digit; all amounts of the model's assets have the digits of the longest, as spreadsheets drop zeros at the end; prices
+        have their own. `left_out` is the largest share of a row's value outside the model, `others` its labels.
 
     Raises:
         InputError: With file, line and column: a cell is not an amount, only some cells have per cent signs, a label is
@@ -84,7 +83,7 @@ def read_holdings(
     is_long = any(name in _TICKERS for name in header) and set(header) <= _LONG
     values, halves, cash, index = _long(table, header, known) if is_long else _wide(table, known)
     found = _as_weights(table, known, values, halves, cash, index)
-    return found if is_long else replace(found, missing=tuple(each for each in known.assets if each not in known.seen))
+    return found if is_long else replace(found, missing=known.absent)
 
 
 class _Names:
@@ -100,6 +99,11 @@ class _Names:
             self._folded.setdefault(asset.casefold(), []).append(asset)
         self.left_out: list[str] = []
         self.seen: set[str] = set()
+
+    @property
+    def absent(self) -> tuple[str, ...]:
+        """The model's assets that the file does not name."""
+        return tuple(each for each in self.assets if each not in self.seen)
 
     def place(self, label: str, where: str) -> int | None:
         """Return the index of an asset; None for cash and labels left out."""
@@ -140,7 +144,7 @@ def _wide(
     cash = np.zeros(len(table.rows))
     kinds: set[bool] = set()
     rows = [[_cell(table, row, first + k) for k in range(len(places))] for row in range(len(table.rows))]
-    half = _half_unit(chain.from_iterable(rows))
+    half = _half_unit(cell for cells in rows for place, cell in zip(places, cells, strict=True) if place is not None)
     for row, cells in enumerate(rows):
         _same_unit(table, row, cells, kinds)
         for place, cell in zip(places, cells, strict=True):
@@ -184,21 +188,22 @@ def _long(
     column = price if value is None else value
     assert column is not None
     amounts = [_cell(table, row, column) for row in range(len(table.rows))]
-    half = _half_unit(amounts)
-    for row, (cells, amount) in enumerate(zip(table.rows, amounts, strict=True)):
-        place, count = known.place(cells[ticker], table.place(row, ticker)), 1.0
+    places = [known.place(cells[ticker], table.place(row, ticker)) for row, cells in enumerate(table.rows)]
+    held = _half_unit(amount for place, amount in zip(places, amounts, strict=True) if place is not None)
+    for row, (place, amount) in enumerate(zip(places, amounts, strict=True)):
+        count, half = 1.0, held if amount.half_unit else 0.0
         if value is not None:
             _same_unit(table, row, [amount], kinds)
         else:
             assert shares is not None
-            count = _cell(table, row, shares).value
+            count, half = _cell(table, row, shares).value, amount.half_unit  # prices of unlike sizes have unlike digits
             if place is not None and count and not amount.value > 0:
                 raise InputError(f"{table.place(row, column)}: no price above 0 for what is held")
         if place is None:
             cash[where[row]] += count * amount.value
         else:
             values[where[row], place] += count * amount.value
-            halves[where[row], place] += abs(count) * half if amount.half_unit else 0.0
+            halves[where[row], place] += abs(count) * half
     return values, halves, cash, index
 
 
@@ -242,11 +247,6 @@ def _same_unit(table: TextTable, row: int, cells: Sequence[_Cell], kinds: set[bo
         raise InputError(f"{table.path}, line {table.lines[row]}: some amounts have a per cent sign and some have none")
 
 
-def _absent(known: _Names) -> str:
-    absent = [each for each in known.assets if each not in known.seen]
-    return f"; the file does not name {', '.join(absent)}" if absent else ""
-
-
 def _as_weights(
     table: TextTable,
     known: _Names,
@@ -255,12 +255,12 @@ def _as_weights(
     cash: NDArray[np.float64],
     index: pd.Index,
 ) -> WeightsTable:
-    sums = values.sum(axis=1)
+    sums, absent = values.sum(axis=1), f"; the file does not name {', '.join(known.absent)}" if known.absent else ""
     void = ~(sums > tolerances.TINY) | (np.abs(values).sum(axis=1) > _MOST_GROSS * np.abs(sums))
     for row in np.flatnonzero(void).tolist():
         raise InputError(
             f"{table.path}, portfolio {label_text(index[row])}: the model's assets add up to {sums[row]:g}, expected more "
-            f"than 0{_absent(known)}"
+            f"than 0{absent}"
         )
     out = np.abs(cash) / (np.abs(cash) + np.abs(values).sum(axis=1))
     if out.max(initial=0.0) >= _MOST_LEFT_OUT:

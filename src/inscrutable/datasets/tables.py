@@ -52,18 +52,18 @@ class WeightsTable:
     others: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
 
-    def cautions(self, digits: int | None = None) -> list[str]:
-        """Return what may be wrong with the weights as they are read, a sentence each; `digits` replaces those written."""
+    def cautions(self) -> list[str]:
+        """Return what may be wrong with the weights as they are read, a sentence each."""
         told = []
         if self.missing:
             told.append(
                 f"Caution: the file has no column for {', '.join(self.missing)}; the weight there counts as 0, and the others "
                 "are scaled to the sum 1."
             )
-        if (self.decimals if digits is None else digits) == 0:
+        if self.decimals == 0 and bool((self.frame == self.frame.round()).all(axis=None)):
             told.append(
-                "Caution: whole numbers are read as weights rounded to whole numbers, which say little; --digits 8 reads them "
-                "as they are."
+                "Caution: whole numbers are read as weights rounded to whole numbers, which say little; exact ones are written "
+                "with eight decimals, such as 1.00000000."
             )
         return told
 

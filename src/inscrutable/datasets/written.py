@@ -25,7 +25,7 @@ def replace_files(folder: PathLike, command: str, written: Iterable[Path]) -> li
 
     Args:
         folder: The folder of results.
-        command: The command; files of other commands in the same folder stay.
+        command: The command; files of other names that other commands wrote there stay.
         written: The files written now; files outside the folder are ignored.
 
     Returns:
@@ -64,9 +64,13 @@ def replace_files(folder: PathLike, command: str, written: Iterable[Path]) -> li
 
 
 def check_folder(folder: PathLike, command: str, name: str) -> None:
-    """Raise `InputError` where a file of another command, which is in the folder's list, has this name."""
-    for other, known in _lists(Path(folder) / LIST).items():
-        if other != command and name in known and (Path(folder) / name).exists():
+    """Raise `InputError` where the file of this name is another command's, as that command wrote it."""
+    path, lists = Path(folder) / name, _lists(Path(folder) / LIST)
+    if not path.is_file():
+        return
+    now = _hash(path)
+    for other, known in lists.items():
+        if other != command and known.get(name) == now != lists.get(command, {}).get(name):
             raise InputError(
                 f"{folder} has the results of {other}, whose {name} {command} would replace; choose another folder"
             )

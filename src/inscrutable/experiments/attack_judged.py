@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from inscrutable import validation
 from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Attack, Reading
 from inscrutable.experiments.attack_over_time import AttackOverTime
-from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
+from inscrutable.experiments.holding import Reached, Requirement, estimate_quality, requirement_of
 from inscrutable.labels import label_text
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
@@ -20,43 +21,72 @@ _NAIVE = "the naive observer, who takes the weights at face value"
 _AWARE = "the aware observer, who knows the rule and sees all rows so far"
 
 
+class JudgedObserver(NamedTuple):
+    """What one observer read of the rows that it could read.
+
+    `asked` is the requirement for the beliefs of these rows to count as hidden; None where no row was read, and where the
+    stationary law, which an observer without weights estimates, is not unique.
+    """
+
+    reached: Reached
+    asked: Requirement | None
+    n_read: int
+
+    @property
+    def is_hidden(self) -> bool | None:
+        """Whether the beliefs are hidden from it; None where that is not known, and for a single row."""
+        return None if self.asked is None or self.n_read < 2 else self.asked.is_met(self.reached)
+
+    def summary(self) -> str:
+        """Return the verdict in one sentence."""
+        if self.n_read == 0:
+            return f"Hidden from {self.reached.name}: not known, as no belief explains any row."
+        if self.is_hidden is None or self.asked is None:
+            without = "" if self.asked is None else f"; without weights the error is {self.asked.error_without:.3f}"
+            return f"Error of {self.reached.name}: {self.reached.error:.3f}{without}."
+        return f"Hidden from {self.reached.name}: {'yes' if self.is_hidden else 'no'} ({self.asked.compare(self.reached)})."
+
+
 @dataclass(frozen=True)
 class JudgedAttack:
     """What observers read from published weights, compared with the beliefs behind them.
 
     Args:
-        asked: The requirement for a belief to count as hidden; without weights an observer estimates the stationary law.
-        reached: The error of each observer, and how often it names the likeliest regime.
-        n_rows: Number of rows.
-        n_unread: Rows that no belief explains, left out of the naive observer's figures.
+        observers: The naive observer and, where its reading was given, the aware one.
+        n_rows: Number of rows; the naive observer reads those that a belief explains.
     """
 
-    asked: Requirement
-    reached: tuple[Reached, ...]
+    observers: tuple[JudgedObserver, ...]
     n_rows: int
-    n_unread: int
 
     def figures(self) -> dict[str, Any]:
         """Return everything as plain data."""
         return {
-            "error_without_weights": self.asked.error_without,
-            "named_without_weights": self.asked.chance,
-            "observers": [each._asdict() | {"is_hidden": self.asked.is_met(each)} for each in self.reached],
             "n_rows": self.n_rows,
-            "n_unread": self.n_unread,
+            "observers": [
+                {
+                    **each.reached._asdict(),
+                    "n_read": each.n_read,
+                    "is_hidden": each.is_hidden,
+                    "error_without_weights": None if each.asked is None else each.asked.error_without,
+                    "named_by_chance": None if each.asked is None else each.asked.chance,
+                }
+                for each in self.observers
+            ],
         }
 
     def summary(self) -> str:
         """Return from whom the beliefs are hidden, a line for each observer, and what hidden means."""
-        if self.n_rows == 1:
-            errors = "; ".join(f"{each.name} errs by {each.error:.3f}" for each in self.reached)
-            return f"Compared with your own belief: {errors}; an observer without weights by {self.asked.error_without:.3f}."
-        left_out = f" ({self.n_unread} that no belief explains left out)" if self.n_unread else ""
-        lines = [f"Compared with your own beliefs in {self.n_rows} rows{left_out}:"]
-        for each in self.reached:
-            verdict = "not known" if np.isnan(each.error) else "yes" if self.asked.is_met(each) else "no"
-            lines.append(f"Hidden from {each.name}: {verdict} ({self.asked.compare(each)}).")
-        return "\n".join([*lines, self.asked.meaning(without="weights", state="regime", cases="the rows")])
+        left_out = self.n_rows - self.observers[0].n_read
+        text = f"; the naive observer reads {self.observers[0].n_read} of them" if left_out else ""
+        rows = "1 row" if self.n_rows == 1 else f"{self.n_rows} rows"
+        meant = [
+            each.asked.meaning(without="weights", state="regime", cases="the rows")
+            for each in self.observers
+            if each.asked is not None and each.is_hidden is not None
+        ]
+        lines = [f"Compared with your own beliefs in {rows}{text}:", *(each.summary() for each in self.observers)]
+        return "\n".join([*lines, *dict.fromkeys(meant)])
 
 
 def judge_attack(attack: Attack, beliefs: pd.DataFrame, over_time: AttackOverTime | None = None) -> JudgedAttack:
@@ -68,7 +98,7 @@ def judge_attack(attack: Attack, beliefs: pd.DataFrame, over_time: AttackOverTim
         over_time: From `attack_over_time`: the aware observer's reading of the same weights.
 
     Raises:
-        InputError: Regimes or rows are missing.
+        InputError: Regimes or rows are missing, or a row is no belief.
 
     Example:
         >>> from inscrutable import GaussianEmission, MarkowitzProblem
@@ -84,19 +114,23 @@ def judge_attack(attack: Attack, beliefs: pd.DataFrame, over_time: AttackOverTim
         Hidden from the naive observer, who takes the weights at face value: no (error 0.00 < 0.34, named 100% > 67%).
     """
     held = _aligned(attack, beliefs)
-    unread = np.array([row.reading is Reading.IMPLAUSIBLE for row in attack.rows])
-    world = attack.model.world
-    long_run = HiddenMarkovModel(world.transition, world.emission).initial
-    reached = [Reached(_NAIVE, *estimate_quality(np.where(unread[:, None], np.nan, attack.estimates), held))]
+    read = np.array([row.reading is not Reading.IMPLAUSIBLE for row in attack.rows])
+    world, found = attack.model.world, [_observer(_NAIVE, attack.model.world, attack.estimates[read], held[read])]
     if over_time is not None:
-        reached.append(Reached(_AWARE, *estimate_quality(over_time.inferred.mean, held)))
-    asked = Requirement(*estimate_quality(np.tile(long_run, (len(held), 1)), held))
-    return JudgedAttack(asked, tuple(reached), len(held), int(unread.sum()))
+        found.append(_observer(_AWARE, world, over_time.inferred.mean, held))
+    return JudgedAttack(tuple(found), len(held))
+
+
+def _observer(name: str, world: HiddenMarkovModel, estimates: Array, held: Array) -> JudgedObserver:
+    asked = requirement_of(world, held) if len(held) else None
+    return JudgedObserver(Reached(name, *estimate_quality(estimates, held)), asked, len(held))
 
 
 def _aligned(attack: Attack, beliefs: pd.DataFrame) -> Array:
     """Return the beliefs (T,X) of the rows of weights, in the model's order of regimes."""
     regimes = list(attack.model.regimes)
+    if not isinstance(beliefs, pd.DataFrame):
+        raise InputError(f"beliefs must be a DataFrame with one column per regime, got {type(beliefs).__name__}")
     if set(beliefs.columns) != set(regimes) or len(beliefs.columns) != len(regimes):
         raise InputError(f"beliefs have the columns {list(beliefs.columns)}, expected the model's regimes: {regimes}")
     missing = [label for label in attack.index if label not in beliefs.index]
@@ -105,4 +139,4 @@ def _aligned(attack: Attack, beliefs: pd.DataFrame) -> Array:
         raise InputError(
             f"beliefs have {what}, expected one row for each of the {len(attack)} rows of weights, under the same date or label"
         )
-    return np.asarray(beliefs.loc[attack.index, regimes].to_numpy(dtype=np.float64))
+    return validation.many_beliefs(beliefs.loc[attack.index, regimes], len(regimes))

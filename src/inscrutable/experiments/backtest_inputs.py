@@ -14,6 +14,7 @@ from inscrutable.budgets import Budget, SilenceShare, written_budget
 from inscrutable.datasets import suspicious_entries
 from inscrutable.errors import InputError
 from inscrutable.experiments.performance import Frequency, frequency_of
+from inscrutable.labels import label_text
 from inscrutable.mechanisms import Disclosure
 from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
 from inscrutable.validation import Array
@@ -207,9 +208,9 @@ def beliefs_by_date(beliefs: pd.DataFrame, dates: pd.DatetimeIndex, regimes: tup
     known = dates.isin(beliefs.index)
     begin = int(known.argmax())
     if begin > 0 and known[begin:].all():
-        first = f"{dates[begin]:%Y-%m-%d}"
+        first = label_text(dates[begin])
         raise InputError(
-            f"beliefs begin on {first}, the decisions on {dates[0]:%Y-%m-%d}: let the training sample end on that day, "
+            f"beliefs begin on {first}, the decisions on {label_text(dates[0])}: let the training sample end then, "
             f"train_until {first} (--train-until)"
         )
     refuse_missing(dates, beliefs.index, "beliefs", "the decisions")

@@ -19,12 +19,11 @@ from inscrutable.experiments.backtest_inputs import BacktestSettings, ReturnsSam
 from inscrutable.experiments.backtest_public import BesideWeights
 from inscrutable.experiments.backtest_sequential import SequentialPart
 from inscrutable.experiments.episodes import Episode, Record, relative_increase
-from inscrutable.experiments.holding import estimate_quality
+from inscrutable.experiments.holding import base_rate, estimate_quality
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.performance import Performance, SharpeDifference
 from inscrutable.experiments.rivals import is_own
 from inscrutable.mechanisms.disclosures import EXACT
-from inscrutable.mechanisms.joint import top_states
 from inscrutable.privacy import Loss, RivalProblem
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
@@ -334,7 +333,7 @@ def _privacy_figures(result: Backtest, name: str) -> dict[str, float]:
         "mean_privacy": float(privacy[reached].mean()) if reached.any() else float("nan"),
         "n_privacy_not_finite": float((~reached).sum()),
         "share_regime_named": read.named,
-        "base_rate": float(top_states(beliefs).mean(axis=0).max()),
+        "base_rate": base_rate(beliefs),
         "n_empty_sets": float(np.isnan(record.estimates).any(axis=1).sum()),
         "error_face_value": read.error,
         "n_nothing_affordable": float(sum(nothing)),

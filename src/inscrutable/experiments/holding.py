@@ -19,10 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from inscrutable import validation
-from inscrutable.errors import InputError
+from inscrutable.errors import InputError, ModelError
 from inscrutable.labels import listed
 from inscrutable.mechanisms.joint import top_states
 from inscrutable.validation import Array
+from inscrutable.worlds import HiddenMarkovModel
 
 ERROR_KEPT = 2.0 / 3.0
 """Least error of the observer, as a share of the error without decisions."""
@@ -167,11 +168,31 @@ class EstimateQuality(NamedTuple):
 def estimate_quality(estimates: Array, beliefs: Array) -> EstimateQuality:
     """Return the root mean square error of estimates (T,X) of beliefs (T,X), and how often they name a likeliest state.
 
-    Rows of NaN, for decisions that no belief explains, are left out.
+    Rows of NaN, for decisions that no belief explains, are left out. Of several states as likely by an estimate one is named at
+    random, and its chance counts.
     """
     read = ~np.isnan(estimates).any(axis=1)
     if not read.any():
         return EstimateQuality(float("nan"), float("nan"))
     found, held = estimates[read], beliefs[read]
-    named = top_states(held)[np.arange(len(held)), found.argmax(axis=1)]
+    tied = top_states(found)
+    named = (top_states(held) * tied).sum(axis=1) / tied.sum(axis=1)
     return EstimateQuality(float(np.sqrt(((found - held) ** 2).sum(axis=1).mean())), float(named.mean()))
+
+
+def requirement_of(world: HiddenMarkovModel, beliefs: Array) -> Requirement | None:
+    """Return the requirement for beliefs (T,X) to be hidden; None where the stationary law is not unique.
+
+    That law is the estimate of an observer without decisions.
+    """
+    try:
+        long_run = HiddenMarkovModel(world.transition, world.emission).initial
+    except ModelError:
+        return None
+    without = estimate_quality(np.tile(long_run, (len(beliefs), 1)), beliefs)
+    return Requirement(without.error, base_rate(beliefs))
+
+
+def base_rate(beliefs: Array) -> float:
+    """Return the share of beliefs (T,X) in which the state that is likeliest most often is so."""
+    return float(top_states(beliefs).mean(axis=0).max())

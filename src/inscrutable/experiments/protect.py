@@ -23,16 +23,15 @@ from inscrutable.decision_makers import (
 from inscrutable.decision_makers.arguments import checked_measure
 from inscrutable.decision_makers.proofs.certified import check_provable, checked_gap
 from inscrutable.decision_makers.results import Progress
-from inscrutable.errors import InputError, ModelError
+from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Attack, Reading
 from inscrutable.experiments.episodes import part_of
-from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
+from inscrutable.experiments.holding import Reached, estimate_quality, requirement_of
 from inscrutable.experiments.investor_model import BASIS_POINTS, InvestorModel, checked_model
 from inscrutable.experiments.silence import silence_in
 from inscrutable.geometry import BeliefSet
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.validation import Array
-from inscrutable.worlds import HiddenMarkovModel
 
 _KEPT = 0.9  # share of the privacy that rounded weights must keep
 PARTS = 3  # parts of the work: CDM, PDM, and the set of the budget-aware observer
@@ -103,14 +102,10 @@ class Protection:
         For one belief it has the observer's error. An observer without weights estimates the stationary law of the model's
         regimes, and names its likeliest regime. The text is empty where that law is not unique.
         """
-        world = self.model.world
-        try:
-            long_run = HiddenMarkovModel(world.transition, world.emission).initial
-            silence = silence_in(world, self.model.problem)
-        except ModelError:
+        asked = requirement_of(self.model.world, self.beliefs)
+        if asked is None:
             return ""
-        without = estimate_quality(np.tile(long_run, (len(self), 1)), self.beliefs)
-        asked = Requirement(*without)
+        silence = silence_in(self.model.world, self.model.problem)
         reached = [
             Reached(name, *estimate_quality(np.array([each.center() for each in sets]), self.beliefs))
             for name, sets in (
@@ -150,12 +145,16 @@ class Protection:
         found, belief = self.deterministic[step], self.beliefs[step]
         if not isinstance(self.measure, MaximalObfuscation) or not 0.0 < found.privacy < np.inf:
             return ""
-        left = 0.0
+        if self.model.turnover is not None:  # rounded weights are not read under a limit on turnover
+            return ""
+        before = 0.0
         for digits in range(1, FULL_PRECISION_DIGITS):
-            before = left
             left = consistent_beliefs(self.model.problem, found.action.round(digits), digits=digits).distance(belief)
             if left >= _KEPT * found.privacy:
                 break
+            before = left
+        else:
+            digits = FULL_PRECISION_DIGITS
         if digits == 1:
             return ""
         return (

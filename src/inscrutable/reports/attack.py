@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +38,9 @@ def attack_table(attack: Attack) -> pd.DataFrame:
 
     Returns:
         A frame on the rows' labels: for each regime the observer's estimate and the least and greatest probability consistent
-        with the weights; the most likely regime; the reading; the least regret of any belief, the regret that rounding can
-        cause and the largest change of a weight to make the row feasible, in the unit of the cost or the weights.
+        with the weights; the most likely regime, or all of several as likely; the reading; the least regret of any belief, the
+        regret that rounding can cause and the largest change of a weight to make the row feasible, in the unit of the cost or
+        the weights.
 
     Example: see `write_attack`.
     """
@@ -220,12 +222,13 @@ def dot_size(rows: int) -> float:
     return float(np.clip(160.0 / rows, 1.5, 6.0))
 
 
-def write_attack(attack: Attack, folder: Path) -> list[Path]:
+def write_attack(attack: Attack, folder: Path, *, more: Mapping[str, Any] | None = None) -> list[Path]:
     """Write the table, a summary and the pictures of an attack into a folder and return their paths.
 
     Args:
         attack: From `attack_weights`.
         folder: Created where needed.
+        more: Plain data that summary.json has besides.
 
     Returns:
         attack.csv, summary.json, attack_bounds.png and .svg, and for three regimes attack_ternary.png and .svg.
@@ -253,7 +256,7 @@ def write_attack(attack: Attack, folder: Path) -> list[Path]:
     target = output_folder(folder)
     paths = [target / "attack.csv", target / "summary.json"]
     write_table(attack_table(attack), paths[0])
-    write_json(attack_summary(attack), paths[1])
+    write_json(attack_summary(attack) | dict(more or {}), paths[1])
     n_regimes = len(attack.model.regimes)
     with drawing(height=0.9 + 0.85 * n_regimes, nrows=n_regimes, sharex=True, squeeze=False) as (figure, axes):
         plot_attack_bounds(attack, axes[:, 0])

@@ -102,6 +102,14 @@ def test_rows_and_regimes_that_are_missing_are_named() -> None:
         judge_attack(attack, 3 * held)
 
 
+def test_regimes_have_names_of_their_own() -> None:
+    held, weights = record(3)
+    model = InvestorModel(MODEL.world, MODEL.problem, MODEL.assets, ("calm", "normal", "turbulent"))
+    named = held.set_axis(["calm", "normal", "turbulent"], axis=1)
+    plain = judge_attack(attack_weights(MODEL, weights), held)
+    assert judge_attack(attack_weights(model, weights), named.iloc[:, ::-1]).figures() == plain.figures()
+
+
 def test_the_command_compares_and_reads_other_digits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     held, weights = record(6)
     MODEL.save(tmp_path / "model.json")

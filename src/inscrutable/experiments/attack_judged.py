@@ -139,4 +139,4 @@ def _aligned(attack: Attack, beliefs: pd.DataFrame) -> Array:
         raise InputError(
             f"beliefs have {what}, expected one row for each of the {len(attack)} rows of weights, under the same date or label"
         )
-    return validation.many_beliefs(beliefs.loc[attack.index, regimes], len(regimes))
+    return validation.many_beliefs(beliefs.loc[attack.index, regimes].to_numpy(), len(regimes))

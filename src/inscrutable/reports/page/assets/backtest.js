@@ -142,9 +142,10 @@
     const shown = Math.min(most, Math.max(3 * amount, 0.3 * most));
     const points = [...single, ...mixed].filter(([x]) => x <= shown);
     const price = slope(mixed, amount);
+    const each = unit.startsWith("%") ? unit : "unit of regret";
     const heights = points.map(([, y]) => y).concat(0, mixed.length ? height(mixed, shown) : 0);
     const frame = chart("frontier", {
-      height: 330, label: `Privacy against regret. At this budget one more ${unit} buys ${short(price)} of privacy.`,
+      height: 330, label: `Privacy against regret. At this budget one more ${each} buys ${short(price)} of privacy.`,
       x: [0, factor * shown], y: [Math.min(...heights), Math.max(...heights, 0.01) * 1.05],
       xLabel: `regret, ${unit}`, yLabel: "privacy Ψ",
     });
@@ -168,7 +169,7 @@
       const ends = [0.5 * amount, Math.min(1.5 * amount, shown, price > 0 ? amount + (top - reached) / (factor * price) : shown)];
       line(drawing, ends.map((x) => place([factor * x, reached + factor * price * (x - amount)])), "#000", "-", 1);
     }
-    svg(drawing, "text", { x: frame.inside.right, y: frame.inside.bottom - 10, "text-anchor": "end", class: "clear" }, `slope: ${short(price)} of privacy for one more ${unit === "% of |c*|" ? unit : "unit of regret"}`);
+    svg(drawing, "text", { x: frame.inside.right, y: frame.inside.bottom - 10, "text-anchor": "end", class: "clear" }, `slope: ${short(price)} of privacy for one more ${each}`);
     for (const name of onTop(makers, (each) => each)) {
       const [atoms] = entry(name, step, budget);
       const look = looks[name];

@@ -78,8 +78,7 @@ def beliefs(
     array = finite_array(plain, name, ndim=(1, 2))
     if array.shape[-1] != n_states:
         which = f" ({few(names)})" if names else ""
-        entries = "1 entry" if array.shape[-1] == 1 else f"{array.shape[-1]} entries"
-        raise InputError(f"{name} has {entries}, expected one per state: {n_states}{which}")
+        raise InputError(f"{name} has {array.shape[-1]} entries, expected one per state: {n_states}{which}")
     return _on_simplex(array, name, tolerances.BELIEF_SUM)
 
 

@@ -111,7 +111,7 @@ def judge_attack(attack: Attack, beliefs: pd.DataFrame, over_time: AttackOverTim
         >>> held = pd.DataFrame([[0.8, 0.2], [0.3, 0.7]], columns=["calm", "turbulent"])
         >>> published = pd.DataFrame(problem.solve(held.to_numpy()), columns=["A", "B"])
         >>> print(judge_attack(attack_weights(model, published), held).summary().splitlines()[1])
-        Hidden from the naive observer, who takes the weights at face value: no (error 0.00 < 0.34, named 100% > 67%).
+        Hidden from the naive observer, who takes the weights at face value: no (error 0.00 < 0.26, named 100% > 67%).
     """
     held = _aligned(attack, beliefs)
     read = np.array([row.reading is not Reading.IMPLAUSIBLE for row in attack.rows])

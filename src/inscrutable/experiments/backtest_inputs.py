@@ -207,13 +207,11 @@ def beliefs_by_date(beliefs: pd.DataFrame, dates: pd.DatetimeIndex, regimes: tup
     check_dates(beliefs.index, "beliefs")
     known = dates.isin(beliefs.index)
     begin = int(known.argmax())
-    if begin > 0 and known[begin:].all():
-        first = label_text(dates[begin])
-        raise InputError(
-            f"beliefs begin on {first}, the decisions on {label_text(dates[0])}: let the training sample end then, "
-            f"train_until {first} (--train-until)"
-        )
-    refuse_missing(dates, beliefs.index, "beliefs", "the decisions")
+    late = label_text(dates[begin]) if begin > 0 and known[begin:].all() else ""
+    cure = (
+        f"; they begin on {late}: let the training sample end then, train_until {late} (--train-until)" if late else ""
+    )
+    refuse_missing(dates, beliefs.index, "beliefs", "the decisions", cure)
     by_name = set(beliefs.columns) == set(regimes)
     rows = beliefs[list(regimes) if by_name else list(range(len(regimes)))].loc[dates]
     checked = [
@@ -289,10 +287,10 @@ def aligned_riskless(riskless: pd.Series, dates: pd.DatetimeIndex) -> Array:
     return validation.finite_array(riskless.loc[dates].to_numpy(), "riskless", ndim=1)
 
 
-def refuse_missing(wanted: pd.DatetimeIndex, found: pd.Index, what: str, of: str) -> None:
-    """Raise `InputError` where dates are missing, with the first of them."""
+def refuse_missing(wanted: pd.DatetimeIndex, found: pd.Index, what: str, of: str, cure: str = "") -> None:
+    """Raise `InputError` where dates are missing, with the first of them and a cure."""
     missing = wanted[~wanted.isin(found)]
     if len(missing):
         some = ", ".join(f"{date:%Y-%m-%d}" for date in missing[:_LISTED])
         more = f" and {len(missing) - _LISTED} more" if len(missing) > _LISTED else ""
-        raise InputError(f"{what} lack {len(missing)} of the {len(wanted)} dates of {of}: {some}{more}")
+        raise InputError(f"{what} lack {len(missing)} of the {len(wanted)} dates of {of}: {some}{more}{cure}")

@@ -115,7 +115,8 @@ def judge_attack(attack: Attack, beliefs: pd.DataFrame, over_time: AttackOverTim
     """
     held = _aligned(attack, beliefs)
     read = np.array([row.reading is not Reading.IMPLAUSIBLE for row in attack.rows])
-    world, found = attack.model.world, [_observer(_NAIVE, attack.model.world, attack.estimates[read], held[read])]
+    world = attack.model.world
+    found = [_observer(_NAIVE, world, attack.estimates[read], held[read])]
     if over_time is not None:
         found.append(_observer(_AWARE, world, over_time.inferred.mean, held))
     return JudgedAttack(tuple(found), len(held))

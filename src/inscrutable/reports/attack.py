@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from inscrutable import tolerances
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, decimal_places
 from inscrutable.experiments.attack import Attack, Reading, RowReading, regret_text
 from inscrutable.labels import label_text
+from inscrutable.mechanisms.joint import top_states
 from inscrutable.reports.style import (
     BLACK,
     GREY,
@@ -62,8 +62,8 @@ def attack_table(attack: Attack) -> pd.DataFrame:
 
 def _likeliest(attack: Attack, row: RowReading) -> str:
     """Return the regime of largest estimate, or all of several as likely."""
-    most = row.estimate.max() - tolerances.SAME_BELIEF
-    return " or ".join(each for each, share in zip(attack.model.regimes, row.estimate, strict=True) if share >= most)
+    (tied,) = top_states(row.estimate[None])
+    return " or ".join(regime for regime, is_top in zip(attack.model.regimes, tied, strict=True) if is_top)
 
 
 def attack_lines(attack: Attack) -> pd.DataFrame:

@@ -331,9 +331,7 @@ def test_problems_on_which_the_iteration_over_time_ends_have_a_best_rule(
 
 
 @pytest.mark.parametrize(("seed", "n", "radius"), [(6026, 3, 1.1), (6036, 2, 1.3)])
-def test_problems_on_which_the_interior_point_method_ends_have_a_rule_of_largest_error(
-    seed: int, n: int, radius: float
-) -> None:
+def test_problems_whose_prices_leave_a_gap_have_a_rule_of_largest_error(seed: int, n: int, radius: float) -> None:
     transition, root, theta, limit = over_time(np.random.default_rng(seed), n, n, radius, 0.5)
     innovation = root @ root.T
     kept = most_error_over_time(Moves.private(transition, innovation), theta, np.eye(n), limit)

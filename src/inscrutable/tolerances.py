@@ -510,6 +510,9 @@ SAME_PRICE = 1e-13
 SETTLED = 1e-10
 """Relative change of the covariances and of their values ahead below which a rule over time is its own next iterate."""
 
+SAME_RESIDUALS = 1e-8
+"""Relative singular value below which differences of residuals say nothing new: the square root of a rounding."""
+
 REGRET_SPENT = 1e-9
 """How far the regret of a rule over time may miss its limit before a mixture of two rules spends it, as a share of it."""
 
@@ -522,9 +525,6 @@ approached: at the last two all bits together are worth some hundred-thousandths
 
 ERROR_OVER_TIME_GAP = 1e-5
 """Gap of a largest error over time by its dual bound, as a share of it, at which no smaller price of bits is tried."""
-
-INTERIOR_OVER_TIME = 1e-6
-"""Gap at which the interior-point method for it ends: a step gains a digit; at 1e-8 rounding ends factors of 100 signals."""
 
 REGRET_NEARLY_SPENT = 1e-2
 """The same for rules that are only starts at a smaller price of bits."""

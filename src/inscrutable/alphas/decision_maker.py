@@ -75,10 +75,9 @@ class AlphaDecisionMaker:
     - One decision, "error", weights that do not commute with Θ: one or two decompositions in single precision and one or two in
       double; 3,000 alphas take 13 s on two cores, 19 s on one.
     - Over time, "information": some seconds for 100 signals.
-    - Over time, "error": O(k⁶); 0.3 s for 40 signals, 25 s for 100, at a gap of about 1e-6.
-    - Over time, where these leave a gap above 1e-4: O(k⁶); 3 s for 40 signals.
-    - Over time, above 120 signals: an iteration that may be slow near a spectral radius of one. After 20,000 steps it ends with
-      the best rule, its gap, and the status BOUNDED where the gap exceeds 1e-4.
+    - Over time, "error": O(k⁶) up to 60 signals, 0.3 s for 22, 11 s for 60; then by an iteration, 40 s for 100.
+    - Over time, above 120 signals, where the iteration leaves a gap above 1e-4: it ends after 20,000 steps with the best
+      rule, its gap, and the status BOUNDED where the gap exceeds 1e-4.
 
     Source: Cover and Thomas (2006), section 10.3.3, for one decision; Tanaka, Kim, Parrilo, Mitter (IEEE Trans. AC 62, 2017)
     and Tanaka, Esfahani, Mitter (IEEE Trans. AC 63, 2018) over time.

@@ -418,6 +418,9 @@ try:
     print("not refused", flush=True)
 except Exception as error:
     print(error, flush=True)
+    kept = open(sys.argv[1] + ".txt", "w")
+kept.write("A refused lock closes no file that was opened since.")
+kept.close()
 sys.stdin.readline()
 lock = FileLock(Path(sys.argv[1]))
 print("locked", flush=True)

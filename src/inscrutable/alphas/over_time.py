@@ -36,7 +36,7 @@ from inscrutable.validation import Array
 
 _MOST_STEPS = 20_000
 _MOST_STEPS_AT_ONE = 1000
-"""At one multiplier. Of 150 problems of errors 5,000 leave 15 open instead of nine, in 1.3 times the time: below some multiplier
+"""At one multiplier. Of 150 problems of errors 5,000 leave 15 open instead of nine, in 1.3 times the time: below some price
 an unstable belief has no fixed point. 250 leave one of 150 problems of bits open, 1,000 none."""
 _MOST_TRIALS = 60
 _FEW_SIGNALS = 60

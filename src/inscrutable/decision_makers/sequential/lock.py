@@ -21,18 +21,21 @@ class FileLock:
         InputError: Another process holds it, or the folder cannot be written.
     """
 
+    _held = -1
+
     def __init__(self, path: Path) -> None:
         self.path = path
         beside = path.with_name(f".{path.name}.lock")
         try:
-            self._held = os.open(beside, os.O_RDWR | os.O_CREAT, 0o600)
+            held = os.open(beside, os.O_RDWR | os.O_CREAT, 0o600)
         except OSError as error:
             raise unwritten(path, error) from error
         try:
-            _take(self._held)
+            _take(held)
         except OSError:
-            os.close(self._held)
+            os.close(held)
             raise InputError(f"{path} is in use by another process: wait until it is done, or end it") from None
+        self._held = held
 
     def close(self) -> None:
         """Give the lock back."""
@@ -41,8 +44,7 @@ class FileLock:
             self._held = -1
 
     def __del__(self) -> None:
-        if getattr(self, "_held", -1) >= 0:
-            self.close()
+        self.close()
 
 
 class KeptInFile:

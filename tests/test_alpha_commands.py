@@ -158,11 +158,13 @@ def test_months_that_are_remembered(capsys: pytest.CaptureFixture[str], folder: 
         code, out, err = run(capsys, folder, *options, "--publish", "--seed", count)
         assert code == 0, err
         assert f"{count} decision" in out
+        assert "whoever knows the seed knows the draw" in out
     before = (folder / "state").read_bytes()
     assert b"0.03" not in before
     code, out, _ = run(capsys, folder, *options)
     assert code == 0
     assert "Nothing was drawn or recorded" in out
+    assert "seed" not in out
     code, _, err = run(capsys, folder, *options, "--budget", 0.4)
     assert code == 3
     assert "of another rule" in err

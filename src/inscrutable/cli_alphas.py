@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from inscrutable.cli_console import Speech, replaced, results, show_table
+from inscrutable.cli_console import SEED_KNOWN, Speech, replaced, results, show_table
 from inscrutable.cli_limits import Held, region_of
 from inscrutable.cli_values import DATA, INVESTOR, PRIVACY, UsageError, Whole, budget_of, covariance_of
 
@@ -143,6 +143,8 @@ def protect_means(
         show_table((100.0 * found.table()).round(2).astype(str), "Decisions, in percent")
     for line in found.summary().splitlines():
         results().print(line)
+    if publish and rng is not None:
+        results().print(SEED_KNOWN)
 
 
 @Parameter(name="*")

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
 
+SEED_KNOWN = "Caution: whoever knows the seed knows the draw; without --seed the operating system draws."
 _PLAIN_WIDTH = 150
 _INDEX_WIDTH = 28
 _SECONDS_BETWEEN_LINES = 10.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inscrutable.cli_console import Speech, results, show_table
+from inscrutable.cli_console import SEED_KNOWN, Speech, results, show_table
 from inscrutable.cli_values import UsageError, belief_of, budget_of
 
 if TYPE_CHECKING:
@@ -85,9 +85,7 @@ def protect_next(
     if found.published is not None:
         results().print(f"Publish these weights, which are recorded: {found.written(found.published)}.")
         if seed is not None:
-            results().print(
-                "Caution: whoever knows the seed knows the draw; without --seed the operating system draws."
-            )
+            results().print(SEED_KNOWN)
     for line in found.summary().splitlines():
         results().print(line)
     if isinstance(belief, Path):

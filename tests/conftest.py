@@ -92,10 +92,10 @@ def unpaged() -> Iterator[None]:
 
 
 @pytest.fixture
-def fresh_seed() -> int:
-    """A seed drawn anew at every run, printed where the test fails."""
+def fresh_seed(request: pytest.FixtureRequest) -> int:
+    """A seed drawn anew at every run, shown where the test fails: also in processes whose prints are not kept."""
     seed = int(os.environ.get("FRESH_SEED") or secrets.randbits(32))
-    print(f"FRESH_SEED={seed}")
+    request.node.add_report_section("setup", "seed", f"FRESH_SEED={seed}")
     return seed
 
 

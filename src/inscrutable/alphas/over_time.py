@@ -10,10 +10,10 @@ are convex. At a price μ of regret the optimal E is a reverse water-filling of 
     D = P^{−1/2} U diag(min(λ, ½)) U' P^{−1/2}    (what one unit of P costs later on),
 
 with C = 0 for bits alone and C = −Q/ε for errors plus bits at the price ε. The fixed point satisfies the conditions of
-optimality; Z = ½E⁻¹ − Y is the multiplier of E ⪯ P(E), so that every iterate gives a dual bound (`over_time_bound`). Source of
-the
-programme: Tanaka, Kim, Parrilo, Mitter, Semidefinite programming approach to Gaussian sequential rate-distortion trade-offs
-(IEEE Trans. AC 62, 2017), equations (13) and (18), here with W that may be singular and with public observations.
+optimality; Z = ½E⁻¹ − Y is the multiplier of E ⪯ P(E), so that every iterate gives a dual bound (`over_time_bound`). The steps
+to it are extrapolated. Source of the programme: Tanaka, Kim, Parrilo, Mitter, Semidefinite programming approach to Gaussian
+sequential rate-distortion trade-offs (IEEE Trans. AC 62, 2017), equations (13) and (18), here with W that may be singular and
+with public observations.
 """
 
 from __future__ import annotations

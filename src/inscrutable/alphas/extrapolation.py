@@ -19,7 +19,7 @@ from inscrutable.validation import Array
 
 _MEMORY = 8
 """Most differences that count; the caller names how many the dimension allows. Of 3,000 rules of fewest bits over time, 2 to 6
-signals, spectral radii of .7 to 1.3, five are not found; without extrapolation eight of 150 are not, in twice the time."""
+signals, spectral radii of .7 to 1.3, four are not found; without extrapolation eight of 150 are not, in twice the time."""
 
 
 class Extrapolation:

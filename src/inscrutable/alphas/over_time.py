@@ -40,10 +40,8 @@ _MOST_STEPS_AT_ONE = 1000
 an unstable belief has no fixed point. 250 leave one of 150 problems of bits open, 1,000 none."""
 _MOST_TRIALS = 60
 _FEW_SIGNALS = 60
-"""Fewer take the barrier method first for the largest error: it is faster (0.3 for 0.8 s at 22 signals, 2 for 3 s at 40, 11 for
-13 s at 60, 138 for 39 s at 100), and leaves no gap above 1e-4 where prices leave nine in 150."""
-_LEAST_SHARE = 0.1
-"""Least share of the smallest eigenvalue of P that an extrapolation may leave."""
+"""Up to so many take the barrier method first for the largest error: it is faster (0.3 for 0.8 s at 22 signals, 2 for 3 s at
+40, 11 for 13 s at 60, 138 for 39 s at 100), and leaves no gap above 1e-4 where prices leave nine in 150."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +225,7 @@ def _by_prices(moves: Moves, theta: Array, weights: Array, limit: float) -> Long
             low, high = _ends(goal, _first(goal, price, before, ahead), factor, near)
         except SolverError:
             return _silent_part_with_error(goal) if best is None else best
-        error = float(np.trace(weights @ high.error)) or error
+        error = float(np.trace(weights @ high.error)) or error  # an end that shows the belief leaves none
         price, before, ahead, factor = high.price, high.before, 0.1 * high.ahead, 1.05
         found = _with_error(goal, low, high)
         best = found if best is None or found.gap < best.gap else best
@@ -313,7 +311,7 @@ class _Image(NamedTuple):
     dual: Array
 
 
-def _image(goal: _Goal, cost: Array, point: tuple[Array, Array, Array], spectrum: tuple[Array, Array]) -> _Image:
+def _image(goal: _Goal, cost: Array, point: tuple[Array, ...], spectrum: tuple[Array, Array]) -> _Image:
     """One step of the iteration, given the eigenvalues and eigenvectors of P."""
     (before, ahead, moved), (values, vectors) = point, spectrum
     root = np.sqrt(np.maximum(values, tolerances.NO_VARIANCE * values[-1]))
@@ -334,19 +332,18 @@ def _settled(goal: _Goal, price: float, before: Array, ahead: Array) -> _State |
     cost, moved, size = goal.cost(price), goal.moves.predicted(before)[1], float(np.linalg.norm(before))
     scales = (size, max(float(np.linalg.norm(ahead)), 1.0 / size), 1.0)  # of P, D, A_L
     extrapolation = Extrapolation(2 * len(before), scales)
-    point = plain = before, ahead, moved
-    least = -np.inf
+    point: tuple[Array, ...] = (before, ahead, moved)
+    plain = point
     for _ in range(min(_MOST_STEPS_AT_ONE, goal.steps.left)):
         goal.steps.left -= 1
         values, vectors = np.linalg.eigh(point[0])
         # An extrapolation is taken where it leaves P ⪰ 0, and for bits alone D ⪰ 0.
-        is_taken = point is plain or values[0] >= _LEAST_SHARE * least - tolerances.NO_VARIANCE * values[-1]
+        is_taken = point is plain or values[0] >= -tolerances.NO_VARIANCE * values[-1]
         image = _image(goal, cost, point, (values, vectors)) if is_taken else None
         if image is None or (point is not plain and goal.weights is None and image.levels[0] < 0.0):
             extrapolation.forget()
             point = plain
             continue
-        least = values[0]
         # Where the multiplier is too low for a belief without a stationary law, P grows without end.
         if not np.trace(image.before) < np.trace(before) / tolerances.NO_VARIANCE:
             return None
@@ -354,8 +351,7 @@ def _settled(goal: _Goal, price: float, before: Array, ahead: Array) -> _State |
             regret = float(np.sum(goal.theta * image.error))
             return _State(price, regret, image.error, image.before, image.ahead, image.levels, image.dual)
         plain = (image.before, image.ahead, image.moved)
-        before_, ahead_, moved_ = extrapolation.after(point, plain)
-        point = before_, ahead_, moved_
+        point = extrapolation.after(point, plain)
     return None  # the optimum is nearly discontinuous at this multiplier
 
 

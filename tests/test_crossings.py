@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inscrutable.decision_makers.search.rays import Allowance
+from inscrutable.decision_makers.search.goal import Allowance
 from inscrutable.geometry.crossings import Bracket, farthest, first_met, narrowed
 from inscrutable.problems import FiniteProblem, MarkowitzProblem
 

@@ -27,7 +27,7 @@ from inscrutable import (
     random_candidates,
     simplex,
 )
-from inscrutable.decision_makers.local_search import Judge
+from inscrutable.decision_makers.search.goal import Goal
 
 BELIEF = np.array([0.5, 0.3, 0.2])
 
@@ -170,7 +170,8 @@ def test_results_print_their_summary():
 
 
 def test_a_local_solver_never_plays_a_trial_that_is_not_finite():
-    judged = Judge(market(), BELIEF, MaximalObfuscation())(np.array([[np.nan, 0.5, 0.5, 0.0], [np.inf, 0.0, 0.0, 0.0]]))
+    goal = Goal(market(), BELIEF, 1.0, 0.0, MaximalObfuscation())
+    judged = goal.judged(np.array([[np.nan, 0.5, 0.5, 0.0], [np.inf, 0.0, 0.0, 0.0]]))
     assert not judged.admissible.any()
     assert np.isneginf(judged.privacies).all()
-    assert np.isposinf(judged.costs).all()
+    assert np.isposinf(judged.regrets).all()

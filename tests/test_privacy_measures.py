@@ -8,14 +8,18 @@ from hypothesis import given, settings
 
 from inscrutable import (
     BeliefSet,
+    Budget,
+    CounterAdversarialDecisionMaker,
     DesiredObfuscation,
     Infeasibility,
     InputError,
+    KellyProblem,
     MaximalObfuscation,
     NonExistence,
     NonUniqueness,
     PrivacyMeasure,
     consistent_beliefs,
+    decoy_grid,
     plausibility_gap,
 )
 from inscrutable.adversaries import consistent_sets
@@ -206,3 +210,37 @@ def test_measures_print_their_names():
     assert "0.3" in repr(NonExistence(margin=0.3))
     assert "0.001" in repr(Infeasibility(margin=0.001))
     assert belief_problem().n_states == 3
+
+
+class InOtherUnits(MaximalObfuscation):
+    """The distance times a factor: a measure of a user's own that follows a distance without being equal to it."""
+
+    def __init__(self, factor):
+        self.factor = factor
+
+    def __call__(self, belief, belief_set):
+        return self.factor * super().__call__(belief, belief_set)
+
+    def values(self, belief, sets):
+        found = super().values(belief, sets)
+        return found._replace(privacies=self.factor * found.privacies)
+
+    def upper_bound(self, belief):
+        return self.factor * super().upper_bound(belief)
+
+
+@pytest.mark.parametrize("factor", [0.01, 10.0])
+def test_a_measure_in_other_units_has_the_same_decision(factor):
+    rng = np.random.default_rng(5)
+    for _ in range(6):
+        n_states, n_assets = (int(n) for n in rng.integers([2, 3], [4, 6]))
+        returns = np.tile(1.01 + 0.05 * rng.normal(size=(12, n_assets)), (n_states, 1, 1))
+        problem = KellyProblem(returns, rng.dirichlet(np.ones(12), n_states))
+        belief = rng.dirichlet(np.ones(n_states))
+        budget = Budget.regret(float(rng.uniform(1e-4, 1e-3)))
+        coarse = decoy_grid(problem, 10)
+        found, other = (
+            CounterAdversarialDecisionMaker(problem, measure, budget, candidates=coarse).decide(belief)
+            for measure in (MaximalObfuscation(), InOtherUnits(factor))
+        )
+        assert other.privacy == pytest.approx(factor * found.privacy, rel=1e-9)

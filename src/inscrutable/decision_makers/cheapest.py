@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.adversaries import consistent_sets
-from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_measure
 from inscrutable.decision_makers.candidate_sources import candidates_for
@@ -18,6 +16,7 @@ from inscrutable.decision_makers.counter_adversarial import best_decisions
 from inscrutable.decision_makers.frontier import privacy_frontier
 from inscrutable.decision_makers.hiding import Case
 from inscrutable.decision_makers.indicator_search import central_members, cheapest_keeping_distance
+from inscrutable.decision_makers.search.goal import Goal
 from inscrutable.geometry.crossings import Bracket, narrowed, side
 from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
 from inscrutable.problems import DecisionProblem, checked_problem, quadratic_problem
@@ -96,45 +95,32 @@ def cheapest_privacy(
     held = validation.one_belief(belief, checked_problem(problem).n_states, names=problem.state_names)
     chosen = checked_measure(measure)
     given = candidates_for(problem, chosen, candidates)
-    search = _Search(problem, held, chosen, given)
-    own = search.privacy(search.optimal)
-    if privacy is None:
-        search.least = own + tolerances.NO_PRIVACY if np.isfinite(own) else -np.finfo(float).max
+    optimal = problem.solve_points(held)
+    goal = Goal(problem, held, np.inf, float(problem.expected_cost(held, optimal)), chosen)
+    own = float(goal.judged(optimal[None]).privacies[0])
+    if privacy is not None:
+        least = validation.number_of(privacy, "privacy")
     else:
-        search.least = validation.number_of(privacy, "privacy")
-    best = (0.0, search.optimal) if own >= search.least else search.best()
+        least = own + tolerances.NO_PRIVACY if np.isfinite(own) else -np.finfo(float).max
+    best = (0.0, optimal) if own >= least else _Search(goal, given, least).best()
     if best is None:
-        return CheapestPrivacy(float("inf"), float("inf"), own, search.optimal)
+        return CheapestPrivacy(float("inf"), float("inf"), own, optimal)
     regret, action = best
-    size = abs(search.optimal_cost)
-    return CheapestPrivacy(regret, regret / size if size else float("inf"), search.privacy(action), action)
+    size = abs(goal.optimal_cost)
+    reached = float(goal.judged(action[None]).privacies[0])
+    return CheapestPrivacy(regret, regret / size if size else float("inf"), reached, action)
 
 
+@dataclass(frozen=True)
 class _Search:
-    def __init__(
-        self, problem: DecisionProblem, belief: Array, measure: PrivacyMeasure, candidates: Candidates
-    ) -> None:
-        self.problem, self.belief, self.measure, self.candidates = problem, belief, measure, candidates
-        self.optimal = problem.solve_points(belief)
-        self.optimal_cost = float(problem.expected_cost(belief, self.optimal))
-        self.least = 0.0
-
-    def privacy(self, action: Array) -> float:
-        beliefs = belief_set_of(self.problem, action)
-        if beliefs.is_empty and not self.measure.judges_empty:
-            return -np.inf
-        return float(self.measure(self.belief, beliefs))
+    goal: Goal
+    candidates: Candidates
+    least: float
 
     def _reach(self, actions: Array) -> np.ndarray:
         """Which of decisions (n,U) are admissible and have the privacy."""
-        sets = consistent_sets(self.problem, actions)
-        values = self.measure.values(self.belief, sets)
-        reach = self.problem.constraints.is_admissible(actions) & (values.privacies >= self.least)
-        if not self.measure.judges_empty:
-            reach &= sets.dimension >= 0
-        for n in np.flatnonzero(reach & ~values.exact):
-            reach[n] = self.measure(self.belief, sets[int(n)]) >= self.least
-        return np.asarray(reach)
+        found = self.goal.judged(actions)
+        return np.asarray(found.admissible & (found.privacies >= self.least))
 
     def best(self) -> tuple[float, Array] | None:
         """The cheapest decision with the privacy among the candidates, on the rays to those on the frontier, and of a decision
@@ -142,37 +128,40 @@ class _Search:
 
         Rays to the first eight alone cost up to 34 % more in 3 of 40 goals over two to five states.
         """
-        frontier = privacy_frontier(self.problem, self.belief, self.measure, candidates=self.candidates)
+        problem, belief = self.goal.problem, self.goal.belief
+        frontier = privacy_frontier(problem, belief, self.goal.measure, candidates=self.candidates)
         known = (frontier.points[:, 1] >= self.least) & (frontier.indices < len(self.candidates.actions))
         if not known.any():
             return None
         ends = self.candidates.actions[frontier.indices[known]]
         found = [ends, self._on_rays(ends), *self._of_decision_maker(float(frontier.points[known][0, 0]))]
         actions = np.vstack(found)
-        regrets = self.problem.regret(self.belief, actions)
+        regrets = problem.regret(belief, actions)
         for n in np.argsort(regrets, kind="stable"):
-            if self.problem.constraints.is_admissible(actions[n]) and self.privacy(actions[n]) >= self.least:
+            if self._reach(actions[n : n + 1])[0]:
                 return float(regrets[n]), actions[n]
         return None
 
     def _of_decision_maker(self, limit: float) -> list[Array]:
         """What a decision maker plays that meets a goal at least regret, where the privacy is one or a distance."""
-        case = Case(self.problem, self.candidates, self.measure, Budget.regret(limit), "exclude")
-        if self.measure.is_indicator:
-            return [self.problem.as_points(best_decisions(case, self.belief[None])[0].action)]
-        if not isinstance(self.measure, MaximalObfuscation) or quadratic_problem(self.problem) is None:
+        problem, belief, measure = self.goal.problem, self.goal.belief, self.goal.measure
+        case = Case(problem, self.candidates, measure, Budget.regret(limit), "exclude")
+        if measure.is_indicator:
+            return [problem.as_points(best_decisions(case, belief[None])[0].action)]
+        if not isinstance(measure, MaximalObfuscation) or quadratic_problem(problem) is None:
             return []
-        found = cheapest_keeping_distance(case, self.belief, best_decisions, limit, self.least)
-        return [] if found is None else [self.problem.as_points(found.action)]
+        found = cheapest_keeping_distance(case, belief, best_decisions, limit, self.least)
+        return [] if found is None else [problem.as_points(found.action)]
 
     def _on_rays(self, ends: Array) -> Array:
         """The first decisions that reach the privacy on the rays to beliefs that explain `ends` (n,U), all together; what no
         belief explains has no ray."""
-        targets = central_members(self.problem, ends)
+        problem, belief = self.goal.problem, self.goal.belief
+        targets = central_members(problem, ends)
         targets = targets[np.isfinite(targets).all(axis=1)]
 
         def decisions(which: np.ndarray, shares: Array) -> Array:
-            return self.problem.solve_points(self.belief + shares[:, None] * (targets[which] - self.belief))
+            return problem.solve_points(belief + shares[:, None] * (targets[which] - belief))
 
         ones = np.ones(len(targets))
         shares = narrowed(

@@ -27,7 +27,7 @@ from inscrutable.decision_makers.results import (
     stack,
 )
 from inscrutable.decision_makers.scores import Scores, score
-from inscrutable.decision_makers.search.rays import Goal
+from inscrutable.decision_makers.search.goal import Goal
 from inscrutable.decision_makers.search.region_search import best_in_regions, farthest_corners
 from inscrutable.decision_makers.search.smooth import Trial, polish
 from inscrutable.errors import InputError
@@ -245,7 +245,7 @@ def _search_candidates(case: Case, belief: Array, optimal: Array, optimal_cost: 
     if reference is None:
         action = None if index is None else scores.candidates.actions[index]
     else:
-        action, status = _most_private(Goal(problem, belief, limit, optimal_cost, reference), scores, index)
+        action, status = _most_private(Goal(problem, belief, limit, optimal_cost, measure), scores, index)
     own = decision_for(problem, belief, optimal, measure, DecisionStatus.OPTIMAL)
     if action is not None:
         chosen = decision_for(problem, belief, action, measure, status)

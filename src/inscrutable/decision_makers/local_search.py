@@ -3,58 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.linalg import null_space
 from scipy.optimize import minimize
 
-from inscrutable import tolerances, validation
-from inscrutable.adversaries import consistent_sets
+from inscrutable import validation
 from inscrutable.decision_makers.candidate_sources import random_actions
-from inscrutable.decision_makers.search.rays import Allowance
+from inscrutable.decision_makers.search.goal import Goal
 from inscrutable.geometry.crossings import first_met
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
-
-
-class Judgement(NamedTuple):
-    """Privacy, cost and admissibility of trials (n,U)."""
-
-    privacies: Array  # (n,): −∞ outside the feasible set or, where that matters, where no belief explains the trial
-    costs: Array  # (n,): π·s(u)
-    slopes: Array  # (n, U): gradient of the cost
-    admissible: np.ndarray  # (n,)
-
-
-class Judge:
-    """Judges trials under one belief (X,), for every problem and measure."""
-
-    def __init__(self, problem: DecisionProblem, belief: Array, measure: PrivacyMeasure) -> None:
-        self._problem, self._belief, self._measure = problem, belief, measure
-        self._far = tolerances.FEASIBILITY if measure.judges_empty else tolerances.FINITE_DIFFERENCE
-
-    def __call__(self, trials: Array) -> Judgement:
-        """Return the judgement of trials (n,U); a trial that is not finite is not admissible."""
-        problem, measure = self._problem, self._measure
-        is_finite = np.asarray(np.isfinite(trials).all(axis=1))
-        trials = np.where(is_finite[:, None], trials, 0.0)
-        outside = problem.constraints.violation(trials)
-        sets = consistent_sets(problem, trials)
-        values = measure.values(self._belief, sets)
-        privacies = values.privacies.copy()
-        for index in np.flatnonzero(~values.exact & (outside <= self._far)):
-            privacies[index] = measure(self._belief, sets[int(index)])
-        if not measure.judges_empty:
-            privacies[sets.dimension < 0] = -np.inf
-        return Judgement(
-            np.where(is_finite & (outside <= self._far), privacies, -np.inf),
-            np.where(is_finite, problem.state_costs(trials) @ self._belief, np.inf),
-            np.einsum("x,nxu->nu", self._belief, problem.cost_gradients(trials)),
-            is_finite & problem.constraints.is_admissible(trials),
-        )
-
 
 _TRIES_A_START, _BLOCK = 200, 16
 """Random decisions among which a start is looked for, and how many are judged at once. Of 40 problems over two to five states
@@ -107,11 +68,8 @@ class _Watched:
     """The objective of the local solver; remembers the best trial that may be played."""
 
     def __init__(self, problem: DecisionProblem, belief: Array, measure: PrivacyMeasure, limit: float) -> None:
-        self.problem, self.measure, self.limit = problem, measure, limit
-        self.judge = Judge(problem, belief, measure)
         self.optimal = np.asarray(problem.solve(belief))
-        self.optimal_cost = float(problem.state_costs(self.optimal) @ belief)
-        self.allowed = Allowance(problem, belief, limit, self.optimal_cost)
+        self.goal = Goal(problem, belief, limit, float(problem.state_costs(self.optimal) @ belief), measure)
         equalities = problem.constraints.A_eq
         self.free = null_space(equalities) if len(equalities) else np.eye(self.optimal.size)
         self.forget()
@@ -122,11 +80,10 @@ class _Watched:
         self.best_key = (-np.inf, -np.inf)
         self.worst = 0.0
 
-    def losses(self, actions: Array) -> tuple[list[float], float, Array]:
-        """Minus the privacies of trials (n,U), and the first one's excess and cost gradient; remembers the best admissible
-        affordable one."""
-        found = self.judge(actions)
-        excess = [cost - self.optimal_cost - self.limit for cost in found.costs.tolist()]
+    def losses(self, actions: Array) -> tuple[list[float], float]:
+        """Minus the privacies of trials (n,U), and the first one's excess; remembers the best admissible affordable one."""
+        found = self.goal.judged(actions)
+        excess = [regret - self.goal.limit for regret in found.regrets.tolist()]
         losses = (-found.privacies).tolist()
         for index, playable in enumerate(found.admissible.tolist()):
             if losses[index] == np.inf:
@@ -137,7 +94,13 @@ class _Watched:
                 self.best, self.best_key = actions[index].copy(), key
         # Where no belief explains a trial its loss is above that of every belief, so that the solver turns back.
         turned = [self.worst + _UNEXPLAINED if loss == np.inf else loss for loss in losses]
-        return turned, excess[0], found.slopes[0]
+        return turned, excess[0]
+
+    def slope(self, action: Array) -> Array:
+        """The gradient (U,) of the expected cost at a trial; zero where the trial is not finite."""
+        if not np.isfinite(action).all():
+            return np.zeros(action.size)
+        return np.asarray(self.goal.belief @ self.goal.problem.cost_gradients(action))
 
 
 def search_locally(
@@ -175,16 +138,16 @@ def privacies_by_start(
 def _affordable_start(watched: _Watched, rng: np.random.Generator) -> Array | None:
     """The first of some random decisions, moved at random between the optimal one and the budget's end, that a belief
     explains."""
-    away = random_actions(watched.problem, _TRIES_A_START, rng=rng) - watched.optimal
+    away = random_actions(watched.goal.problem, _TRIES_A_START, rng=rng) - watched.optimal
     shares = rng.uniform(size=len(away))
     # One by one where judging a start takes a search of its own.
-    block = 1 if watched.measure.searches_actions else _BLOCK
+    block = 1 if watched.goal.measure.searches_actions else _BLOCK
     for first in range(0, len(away), block):
         part = slice(first, first + block)
-        reach = watched.allowed.along_steps(watched.optimal, away[part], _ACCURACY)
+        reach = watched.goal.along_steps(watched.optimal, away[part], _ACCURACY)
         affordable = np.floor(reach / _STEP) * _STEP * shares[part]
         starts = watched.optimal + affordable[:, None] * away[part]
-        explained = np.flatnonzero(watched.judge(starts).privacies > -np.inf)
+        explained = np.flatnonzero(watched.goal.judged(starts).privacies > -np.inf)
         if explained.size:
             start = np.asarray(starts[explained[0]])
             watched.losses(start[None])
@@ -197,7 +160,7 @@ def _cheaper(watched: _Watched, reached: Array) -> Array:
     way = reached - watched.optimal
 
     def meets(share: float) -> bool:
-        found = watched.judge((watched.optimal + share * way)[None])
+        found = watched.goal.judged((watched.optimal + share * way)[None])
         return bool(found.privacies[0] == 0.0 and found.admissible[0])
 
     return np.asarray(watched.optimal + first_met(meets) * way)
@@ -208,10 +171,10 @@ class _Descent:
     equalities, so that finite differences stay on them."""
 
     def __init__(self, watched: _Watched, start: Array) -> None:
-        region = watched.problem.constraints.in_decision
+        region = watched.goal.problem.constraints.in_decision
         free = watched.free
         self._watched, self._free = watched, free
-        self._scale = max(watched.limit, np.finfo(float).tiny)
+        self._scale = max(watched.goal.limit, np.finfo(float).tiny)
         self._around = start + np.vstack([np.zeros(free.shape[1]), _DIFFERENCE * np.eye(free.shape[1])]) @ free.T
         self._room = region.b_ub - region.A_ub @ start
         self._normals = region.A_ub @ free
@@ -224,12 +187,13 @@ class _Descent:
         key = v.tobytes()
         if key == self._key:
             return
-        losses, excess, slope = self._watched.losses(self._around + self._free @ v)
+        trials = self._around + self._free @ v
+        losses, excess = self._watched.losses(trials)
         self._loss = losses[0]
         self._slope = np.array([(loss - losses[0]) / _DIFFERENCE for loss in losses[1:]])
         self._rules[0] = -excess / self._scale
         self._rules[1:] = self._room - self._normals @ v
-        self._rule_slopes[0] = slope @ self._free / -self._scale
+        self._rule_slopes[0] = self._watched.slope(trials[0]) @ self._free / -self._scale
         self._key = key
 
     def loss(self, v: Array) -> float:

@@ -68,6 +68,15 @@ class PrivacyMeasure(ABC):
         judged = {int(first): self(belief, sets[int(first)]) for first in np.unique(sets.distinct)}
         return Values(np.array([judged[int(first)] for first in sets.distinct]), np.ones(len(sets), dtype=bool))
 
+    def exact_values(self, belief: Array, sets: ConsistentSets, wanted: np.ndarray) -> Array:
+        """Return Ψ of many decisions, shape (M,): exact where `wanted` (M,), and −∞ for an empty set unless Ψ judges it."""
+        privacies, exact = self.values(belief, sets)
+        privacies = privacies.copy()
+        unclear = np.flatnonzero(~exact & wanted)
+        for first in np.unique(sets.distinct[unclear]):
+            privacies[unclear[sets.distinct[unclear] == first]] = self(belief, sets[int(first)])
+        return privacies if self.judges_empty else np.where(sets.dimension < 0, -np.inf, privacies)
+
     def reference(self, belief: Array) -> Reference | None:
         """Return the point and sign of a measure that is a distance, or None."""
         return None

@@ -7,86 +7,18 @@ describes them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from inscrutable import tolerances
+from inscrutable.decision_makers.search.goal import Allowance, Goal
 from inscrutable.geometry import simplex_grid
-from inscrutable.geometry.crossings import farthest
 from inscrutable.geometry.grids import resolution_for
-from inscrutable.privacy.measures import Reference
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
-
-
-@dataclass(frozen=True)
-class Allowance:
-    """A problem, a belief and an allowed regret."""
-
-    problem: DecisionProblem
-    belief: Array
-    limit: float
-    optimal_cost: float
-
-    def regrets(self, actions: Array) -> Array:
-        """Return ρ(π,u) of decisions (n,U), not cut off at zero."""
-        return np.asarray(self.problem.state_costs(actions) @ self.belief - self.optimal_cost)
-
-    def along_rays(self, optimal: Array, ends: Array, accuracy: float) -> tuple[Array, Array]:
-        """Return the longest affordable shares (n,) of the ways to beliefs (n,X), and the decisions there (n,U).
-
-        `accuracy` is the share of the root of the limit that may stay unspent.
-        """
-
-        def decided(which: np.ndarray, shares: Array) -> Array:
-            mixed = np.maximum(self.belief + shares[:, None] * (ends[which] - self.belief), 0.0)
-            return self.problem.solve_points(mixed / mixed.sum(axis=1, keepdims=True))
-
-        return self._along(decided, np.tile(optimal, (len(ends), 1)), accuracy)
-
-    def along_steps(self, start: Array, steps: Array, accuracy: float) -> Array:
-        """Return the longest affordable shares (n,) of steps (n,U) from an affordable decision (U,)."""
-
-        def moved(which: np.ndarray, shares: Array) -> Array:
-            return np.asarray(start + shares[:, None] * steps[which])
-
-        return self._along(moved, np.tile(start, (len(steps), 1)), accuracy, min(accuracy, tolerances.POLISH))[0]
-
-    def _along(
-        self,
-        way: Callable[[np.ndarray, Array], Array],
-        kept: Array,
-        accuracy: float,
-        width: float = tolerances.POLISH,
-    ) -> tuple[Array, Array]:
-        """How far ways that begin at decisions `kept` (n,U) are affordable, and the last affordable decisions."""
-
-        def excess(which: np.ndarray, shares: Array) -> Array:
-            actions = way(which, shares)
-            values = self._excess(actions)
-            kept[which[values <= 0]] = actions[values <= 0]
-            return values
-
-        spare = accuracy * float(np.sqrt(self.limit))
-        return farthest(excess, self._excess(kept), spare=spare, width=width), kept
-
-    def _excess(self, actions: Array) -> Array:
-        """√ρ − √limit with the sign of ρ − limit to the last digit: both over the sum of the roots."""
-        regrets = self.regrets(actions)
-        roots = np.sqrt(np.maximum(regrets, 0.0)) + np.sqrt(self.limit)
-        return np.asarray((regrets - self.limit) / np.maximum(roots, tolerances.TINY))
-
-
-@dataclass(frozen=True)
-class Goal(Allowance):
-    """The same with a distance to maximise or minimise."""
-
-    reference: Reference
-
 
 _TARGETS = 60
 """At most so many beliefs of a grid, towards which rays go. As many even or random directions beside them change none of 52
@@ -134,11 +66,12 @@ def best_on_rays(goal: Goal, directions: Array) -> Rays:
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = np.where(directions < 0, goal.belief / -directions, np.inf).min(axis=1)
-    if goal.reference.sign < 0:
-        nearest = directions @ (goal.reference.point - goal.belief)
+    point, sign = goal.reference
+    if sign < 0:
+        nearest = directions @ (point - goal.belief)
         reach = np.clip(nearest, 0.0, reach)
     ends = goal.belief + reach[:, None] * directions
     allowed = replace(goal, limit=goal.limit * (1.0 - tolerances.BUDGET_SAFETY))
     shares, actions = allowed.along_rays(goal.problem.solve_points(goal.belief), ends, tolerances.BUDGET_SAFETY)
     decoys = goal.belief + shares[:, None] * (ends - goal.belief)
-    return Rays(decoys, actions, goal.reference.sign * np.linalg.norm(decoys - goal.reference.point, axis=1))
+    return Rays(decoys, actions, sign * np.linalg.norm(decoys - point, axis=1))

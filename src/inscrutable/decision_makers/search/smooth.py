@@ -17,9 +17,9 @@ import numpy as np
 from scipy.linalg import null_space
 
 from inscrutable import tolerances
-from inscrutable.adversaries import consistent_sets
 from inscrutable.decision_makers.scores import Scores
-from inscrutable.decision_makers.search.rays import Goal, Rays, best_on_rays, farthest_decoys
+from inscrutable.decision_makers.search.goal import Goal
+from inscrutable.decision_makers.search.rays import Rays, best_on_rays, farthest_decoys
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.validation import Array
 
@@ -136,9 +136,8 @@ def polish(goal: Goal, scores: Scores) -> Trial | None:
         else:
             others.append(_improve(goal, start, free))
     reached = climb_on_rays(goal, [start.tight for start in on_rays], [start.decoy for start in on_rays])
-    trials = [
-        judge(goal, start.action if action is None else action) for start, action in zip(on_rays, reached, strict=True)
-    ]
+    ends = [start.action if action is None else action for start, action in zip(on_rays, reached, strict=True)]
+    trials = [judge(goal, action[None]) for action in ends]
     found = [trial for trial in trials + others if trial is not None]
     return max(found, key=lambda trial: trial.privacy, default=None)
 
@@ -210,24 +209,23 @@ def _goes_on_rays(goal: Goal, free: Array) -> bool:
 
 def _improve(goal: Goal, start: Start, free: Array) -> Trial | None:
     if free.shape[1] == 0 or not np.array_equal(goal.problem.constraints.tight_rows(start.action), start.tight):
-        return judge(goal, start.action)
+        return judge(goal, start.action[None])
     return _zoomed(goal, start.action, free)
 
 
-def judge(goal: Goal, action: Array) -> Trial | None:
-    """Return a decision with its exact privacy, or None where it is not admissible, affordable and explained."""
-    problem = goal.problem
-    if not problem.constraints.is_admissible(action):
+def judge(goal: Goal, actions: Array) -> Trial | None:
+    """Return the best of decisions (n,U) with its exact privacy, None where none is admissible, affordable and explained."""
+    allowed = actions[goal.problem.constraints.is_admissible(actions) & (goal.regrets(actions) <= goal.limit)]
+    if not len(allowed):
         return None
-    if goal.regrets(action) > goal.limit:
-        return None
-    distance = consistent_sets(problem, action[None]).distances(goal.reference.point)[0]
-    return Trial(action, goal.reference.sign * float(distance) + 0.0) if np.isfinite(distance) else None
+    privacies = goal.judged(allowed).privacies
+    index = int(privacies.argmax())
+    return Trial(allowed[index], float(privacies[index]) + 0.0) if np.isfinite(privacies[index]) else None
 
 
 def _zoomed(goal: Goal, action: Array, free: Array) -> Trial | None:
     """A pattern search over the few free coordinates of a decision, with the set's distance computed at every trial."""
-    best = judge(goal, action)
+    best = judge(goal, action[None])
     if goal.regrets(action) > goal.limit:
         return None
     reach = _reach(goal, action, free)
@@ -238,7 +236,7 @@ def _zoomed(goal: Goal, action: Array, free: Array) -> Trial | None:
         steps = _spread(free.shape[1], rng)
         offsets = reach[:, 0] + (steps + 1.0) / 2.0 * widths if round_number == 0 else steps * widths
         trials = centre + offsets @ free.T
-        found = _best_of(goal, trials[goal.regrets(trials) <= goal.limit])
+        found = judge(goal, trials)
         if found is not None and (best is None or found.privacy > best.privacy):
             best = found
             centre = best.action
@@ -270,13 +268,3 @@ def _reach(goal: Goal, action: Array, free: Array) -> Array:
     return np.asarray(
         reach * goal.along_steps(action, steps.reshape(-1, action.size), tolerances.POLISH).reshape(2, -1).T
     )
-
-
-def _best_of(goal: Goal, trials: Array) -> Trial | None:
-    allowed = trials[goal.problem.constraints.is_admissible(trials)] if len(trials) else trials
-    if not len(allowed):
-        return None
-    distances = consistent_sets(goal.problem, allowed).distances(goal.reference.point)
-    privacies = np.where(np.isfinite(distances), goal.reference.sign * distances, -np.inf)
-    index = int(privacies.argmax())
-    return Trial(allowed[index], float(privacies[index])) if np.isfinite(privacies[index]) else None

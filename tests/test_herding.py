@@ -463,3 +463,26 @@ def test_too_many_public_beliefs_need_a_generator() -> None:
     found = social_learning(GUESS, sensor(0.7), maker, n_agents=14, rng=np.random.default_rng(SEED))
     assert found.status is HerdStatus.SIMULATED
     assert found.none == 1
+
+
+@pytest.mark.parametrize("costs", [[0.0, 2.0], [0.1, 0.7], [2e7, 1.0], [-456.308495463091, 1070.8105937262628]])
+@pytest.mark.parametrize("n_choices", [2, 3])
+def test_choices_that_cost_the_same_reveal_nothing(costs: list[float], n_choices: int) -> None:
+    problem = ins.FiniteProblem(np.tile(np.array(costs)[:, None], n_choices))
+    found = social_learning(problem, ins.CategoricalEmission([[0.5, 0.0, 0.5], [0.0, 0.25, 0.75]]), n_agents=3)
+    np.testing.assert_array_equal(found.leakages, 0.0)
+    assert found.right == pytest.approx(1.0)
+    assert problem.tied(np.array([[1.0, 0.0], [0.3, 0.7]])).all()
+    for choice in range(n_choices):
+        np.testing.assert_allclose(
+            ins.consistent_beliefs(problem, choice).bounds(), [[0.0, 1.0], [0.0, 1.0]], atol=1e-12
+        )
+
+
+def test_a_rule_follows_its_own_problem() -> None:
+    # It chooses the second unless the first state's probability is above .9; with this sensor it never is.
+    own = ins.OriginalDecisionMaker(ins.FiniteProblem([[0.0, 1.0], [9.0, 0.0]]))
+    found = social_learning(
+        ins.FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), ins.CategoricalEmission([[0.7, 0.3], [0.3, 0.7]]), own, n_agents=3
+    )
+    np.testing.assert_allclose(found.regrets, 0.5)

@@ -318,3 +318,18 @@ def test_states_that_move_nearly_alike_are_read_right_or_left_open(difference: f
         assert np.abs(found.world.transition - transition).max() <= 1e-6
     else:
         assert difference <= 1e-3
+
+
+@pytest.mark.parametrize("with_names", [True, False])
+def test_a_symbol_that_never_occurs_in_a_state_is_no_obstacle(with_names: bool, fresh_rng: np.random.Generator) -> None:
+    for _ in range(instances(20, least=8)):
+        n_states, n_symbols = (int(n) for n in fresh_rng.integers(2, 5, size=2))
+        transition = fresh_rng.dirichlet(np.ones(n_states), n_states)
+        sensor = fresh_rng.dirichlet(np.ones(n_symbols), n_states)
+        sensor[fresh_rng.integers(n_states), fresh_rng.integers(n_symbols)] = 0.0
+        sensor /= sensor.sum(axis=1, keepdims=True)
+        beliefs, symbols = path(transition, sensor, 120, fresh_rng)
+        found = estimate_world(beliefs, n_symbols=n_symbols, symbols=symbols if with_names else None)
+        assert found.status not in (SensorStatus.INCONSISTENT, SensorStatus.OVERLAPPING)
+        if found.status in (SensorStatus.IDENTIFIED, SensorStatus.SCALES_BY_FREQUENCY):
+            np.testing.assert_allclose(found.world.transition, transition, atol=1e-3)

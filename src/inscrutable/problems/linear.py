@@ -147,5 +147,6 @@ def without_common(costs: Array, equalities: Array) -> Array:
     common = rows[sizes > tolerances.CURVATURE * sizes.max(initial=0.0)]
     less = costs - costs @ common.T @ common
     less -= less @ common.T @ common  # once more, for the rounding
+    less[np.abs(less) <= tolerances.COST_ROUNDING * np.abs(costs).max(axis=1, keepdims=True)] = 0.0
     large = np.abs(costs).max() > tolerances.COMMON_COST * np.abs(less).max()
     return less if large else costs

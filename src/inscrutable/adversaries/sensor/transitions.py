@@ -40,7 +40,9 @@ def transitions_of(matrices: Array) -> Array:
     """Return the transition (N,X,X) of each M, whose entries may be no probabilities; 0 where M does not identify it."""
     n_states = matrices.shape[-1]
     sums = matrices.sum(axis=2, keepdims=True)
-    rows = np.divide(matrices, sums, out=np.zeros_like(matrices), where=np.abs(sums) > tolerances.TINY)
+    # A state in which the symbol never occurs has a row of zeros, computed with rounding.
+    least = tolerances.RANK * np.abs(matrices).max(axis=(1, 2), keepdims=True)
+    rows = np.divide(matrices, sums, out=np.zeros_like(matrices), where=np.abs(sums) > least)
     open_ones = np.linalg.svd(rows, compute_uv=False)[:, -1] <= tolerances.RANK
     rows[open_ones] = np.eye(n_states)
     factors = np.linalg.solve(np.swapaxes(rows, 1, 2), np.ones((len(rows), n_states, 1)))

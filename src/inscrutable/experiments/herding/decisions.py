@@ -83,8 +83,8 @@ class Deciding:
 
     def _law(self, private: Array) -> tuple[Array, np.ndarray, np.ndarray, Array]:
         """Return K(u|π) at private beliefs: the distinct decisions, and the nonzero entries as (row, decision, probability)."""
-        if isinstance(self.maker, OriginalDecisionMaker) and isinstance(self.problem, FiniteProblem):
-            tied = self.problem.tied(private)  # a fair coin among tied choices
+        if isinstance(self.maker, OriginalDecisionMaker) and isinstance(self.maker.problem, FiniteProblem):
+            tied = self.maker.problem.tied(private)  # a fair coin among tied choices
             row, number = np.nonzero(tied)
             return np.eye(tied.shape[1]), row, number, 1.0 / tied.sum(axis=1)[row]
         points, row, atom, share = atoms_of(self.maker, private)

@@ -48,9 +48,9 @@ def social_learning(
     Args:
         problem: Every agent's decision problem, with X states.
         emission: Every agent's sensor over the X states; signals are independent given the state.
-        decision_maker: Every agent's rule, or a sequence of one rule per agent; it depends on the private belief alone. None is
-            `OriginalDecisionMaker(problem)`; in a `FiniteProblem` it tosses a fair coin among tied choices.
-            `CoinDecisionMaker.response` is ε-randomised response.
+        decision_maker: Every agent's rule, or a sequence of one rule per agent; it depends on the private belief alone and
+            may follow a problem of its own. None is `OriginalDecisionMaker(problem)`; in a `FiniteProblem` it tosses a fair
+            coin among tied choices. `CoinDecisionMaker.response` is ε-randomised response.
         n_agents: N, at least 1.
         prior: Public belief before the first decision, shape (X,); None is the uniform one.
         rng: Source of simulated paths; without it only exact results are possible.
@@ -62,8 +62,8 @@ def social_learning(
         rounded to a fifth of a standard deviation or less; other sensors report one of 500 signals drawn from each state.
 
     Raises:
-        InputError: An argument is malformed, states differ in number or labels, a decision maker has a memory or another
-            problem, or there is no `rng` where paths must be simulated.
+        InputError: An argument is malformed, states differ in number or labels, a decision maker has a memory or decides on
+            other numbers of states or decisions, or there is no `rng` where paths must be simulated.
 
     Cost: exact: one decision per public belief and signal, and one sparse product per agent. Simulated: one decision per agent,
     distinct public belief and signal.

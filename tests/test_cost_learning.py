@@ -235,3 +235,14 @@ def test_the_low_end_of_a_wide_interval_is_as_well_known_as_the_high_one() -> No
     low, high = adversary.learn([[0.55, 0.45]]).interval
     assert 0.05 * 0.97 <= low <= 0.05 * (1 + 1e-6)
     assert 15.0 * (1 - 1e-6) <= high <= 15.0 * 1.03
+
+
+def test_a_cost_that_is_identified_explains_the_decision_it_was_learned_from():
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        means, factors = rng.normal(size=(1, 6)), rng.normal(size=(1, 6, 6))
+        covariances, aversion = factors @ factors.swapaxes(1, 2) / 6, 10 ** rng.uniform(-1, 1)
+        action = MarkowitzProblem(means, covariances, aversion).solve([1.0])
+        found = CostLearningAdversary.risk_aversion(means, covariances, (0.05, 50.0)).learn([action])
+        if len(found.intervals):
+            assert found.consistent_beliefs(action).contains([1.0])

@@ -9,6 +9,7 @@ from inscrutable import (
     Budget,
     CounterAdversarialDecisionMaker,
     InputError,
+    LocalSearch,
     MarkowitzProblem,
     ModelError,
     OriginalDecisionMaker,
@@ -254,3 +255,16 @@ def test_costs_of_trading_name_what_is_wrong():
     with pytest.raises(InputError, match="need a QuadraticProblem"):
         with_transaction_costs(3, [0.25] * 4)
     assert with_transaction_costs(plain, [0.25] * 4) is plain
+
+
+@pytest.mark.parametrize("seed", [25, 26, 27, 29])
+def test_a_local_search_leaves_no_trade_that_an_observer_takes_for_none(seed):
+    rng = np.random.default_rng(seed)
+    means, factors, former = rng.normal(size=(4, 4)), rng.normal(size=(4, 4, 4)), rng.dirichlet(np.ones(4))
+    untraded = MarkowitzProblem(means, factors @ factors.swapaxes(1, 2) / 4, 1.0)
+    problem = with_transaction_costs(untraded, former, linear=0.1)
+    search = LocalSearch(n_starts=3, rng=np.random.default_rng(0))
+    found = CounterAdversarialDecisionMaker(problem, budget=0.2, method=search).decide(rng.dirichlet(np.ones(4)))
+    trades = np.abs(found.action - former)
+    assert ((trades <= 1e-9) | (trades >= problem.constraints.min_slack)).all()
+    assert problem.regret(found.decoy, found.action) <= 1e-9

@@ -99,7 +99,9 @@ class Programme:
         """Return the least residual of one belief (X,), with one parameter for all states."""
         nothing = np.zeros(self.n_states)
         columns = np.concatenate([-belief, belief])[:, None]
-        return self._least(columns, np.concatenate([belief, nothing]), None, (0.0, 1.0)).value
+        # Coefficients below 1e-9, as of a narrow interval, would be dropped by the solver.
+        change = float(np.abs(self._gradients @ columns).max()) or 1.0
+        return self._least(columns / change, np.concatenate([belief, nothing]), None, (0.0, change)).value
 
     def extreme(self, direction: Array, most: float) -> float:
         """Return min direction·π over the beliefs with a residual of at most `most`; infinite where there are none."""

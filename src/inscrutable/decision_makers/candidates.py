@@ -158,7 +158,7 @@ def known_candidates(problem: DecisionProblem, points: Array, decoys: Array | No
     n_outside = 0
     for first in range(0, len(points), _BLOCK):
         block = slice(first, first + _BLOCK)
-        usable[block] = region.is_admissible(points[block])
+        usable[block] = problem.is_admissible(points[block])
         costs[block] = problem.state_costs(points[block])
         doubtful = points[block][~usable[block]]
         n_outside += int(np.count_nonzero(region.violation(doubtful) > tolerances.FEASIBILITY))

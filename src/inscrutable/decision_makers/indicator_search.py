@@ -159,7 +159,7 @@ def _by_programme(
 ) -> tuple[Array, float] | None:
     """The cheapest unexplained decision of linear costs and its regret, where it is admissible."""
     action = _cheapest_unexplained(form, belief, goal.margin)
-    if action is None or not case.problem.constraints.is_admissible(action):
+    if action is None or not case.problem.is_admissible(action):
         return None
     if not goal.gap_reaches(action):
         return None
@@ -236,7 +236,7 @@ def cheapest_keeping_distance(case: Case, belief: Array, best: Search, most: flo
         action = shortened_on_its_face(problem, belief, decision.action)
         if action is None:
             return decision
-        if not problem.constraints.is_admissible(action):
+        if not problem.is_admissible(action):
             return None
         shorter = decision_for(problem, belief, action, farthest.measure, DecisionStatus.POLISHED)
         return shorter if case.measure.judges_empty or np.isfinite(shorter.privacy) else None

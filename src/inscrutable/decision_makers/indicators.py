@@ -250,7 +250,7 @@ def _regrets(goal: Indicator, block: Block, actions: Array) -> Array:
 def _admitted(
     goal: Indicator, beliefs: Array, actions: Array, regrets: Array, decoys: Array | None = None
 ) -> np.ndarray:
-    admissible: np.ndarray = goal.problem.constraints.is_admissible(actions)
+    admissible: np.ndarray = goal.problem.is_admissible(actions)
     return np.asarray(admissible & goal.met_by(beliefs, actions, regrets, decoys))
 
 

@@ -98,6 +98,14 @@ class DecisionProblem(ABC):
         """
         return SmoothForm(self.constraints, self.cost_gradients)
 
+    def is_admissible(self, actions: Array) -> np.ndarray:
+        """Return whether decisions (…,U) may be played, shape (…): rows of C, and kinks of the costs, which an observer inverts
+        as rows, are tight or slack by `min_slack`, so that the observer cannot take one for the other."""
+        form, usable = self.smooth_form(), self.constraints.is_admissible(actions)
+        if form is None or form.lift is None:
+            return usable
+        return np.asarray(usable & form.constraints.is_admissible(form.lift.variables(actions)))
+
     def explaining_rows(self, action: Array) -> Array | None:
         """Return rows Q (m,X) with Π(u) = {π : Q π ≥ 0} of one decision (U,) for costs without gradients, else None."""
         return None

@@ -109,5 +109,5 @@ class Goal(Allowance):
         return Judgement(
             np.where(inside, privacies, -np.inf),
             np.where(is_finite, self.regrets(actions), np.inf),
-            is_finite & problem.constraints.is_admissible(actions),
+            is_finite & problem.is_admissible(actions),
         )

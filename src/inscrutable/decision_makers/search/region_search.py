@@ -96,10 +96,7 @@ class SearchSpace:
         sets = candidates.sets
         first = sets.distinct == np.arange(len(candidates))
         variables = self.form.variables(candidates.actions)
-        usable = candidates.usable
-        if self.form.lift is not None:
-            usable = usable & quadratic.constraints.is_admissible(variables)
-        chosen = np.flatnonzero(first & usable & (sets.dimension >= 0))
+        chosen = np.flatnonzero(first & candidates.usable & (sets.dimension >= 0))
         decoys = sets.start if candidates.decoys is None else candidates.decoys
         self.actions = variables[chosen]
         self.patterns, region = distinct_patterns(quadratic.constraints.tight_rows(self.actions))

@@ -215,7 +215,7 @@ def _improve(goal: Goal, start: Start, free: Array) -> Trial | None:
 
 def judge(goal: Goal, actions: Array) -> Trial | None:
     """Return the best of decisions (n,U) with its exact privacy, None where none is admissible, affordable and explained."""
-    allowed = actions[goal.problem.constraints.is_admissible(actions) & (goal.regrets(actions) <= goal.limit)]
+    allowed = actions[goal.problem.is_admissible(actions) & (goal.regrets(actions) <= goal.limit)]
     if not len(allowed):
         return None
     privacies = goal.judged(allowed).privacies

@@ -211,7 +211,7 @@ def test_cuts_are_where_rows_let_go():
         middle = rng.dirichlet(np.ones(3))
         index = points.add(0.9 * middle + 0.1 * np.eye(3))[None]
         cut = cuts_at_kinks(cells, index, pairs)
-        if not cut.bent[0]:
+        if not cut.at_kink[0]:
             continue
         one, other = points.beliefs[index[0, pairs[cut.edge[0]]]]
         shares = np.linspace(0.0, 1.0, 2001)

@@ -184,15 +184,15 @@ class ViewsWithinRegret(ViewSet):
             ends = [[-self._end(-direction), self._end(direction)] for direction in directions]
             return np.array(ends).reshape(-1, 2)
         values, axes = np.linalg.eigh(self.problem.theta)
-        felt = values > tolerances.CURVATURE * values.max()
+        curved = values > tolerances.CURVATURE * values.max()
         apart = self._loads.T @ (self.weights - self.problem.least_risk)
         along = directions @ axes
-        middle = 0.5 * (along[:, felt] / values[felt]) @ (axes[:, felt].T @ apart)
-        width = np.sqrt((self.regret - self.gap) * (along[:, felt] ** 2 / values[felt]).sum(axis=1))
-        unfelt = np.abs(along[:, ~felt]).max(axis=1, initial=0.0) > tolerances.RANK * np.abs(directions).max(
+        middle = 0.5 * (along[:, curved] / values[curved]) @ (axes[:, curved].T @ apart)
+        width = np.sqrt((self.regret - self.gap) * (along[:, curved] ** 2 / values[curved]).sum(axis=1))
+        is_flat = np.abs(along[:, ~curved]).max(axis=1, initial=0.0) > tolerances.RANK * np.abs(directions).max(
             axis=1, initial=0.0
         )
-        width[unfelt] = np.inf
+        width[is_flat] = np.inf
         return np.column_stack([middle - width, middle + width])
 
     def _end(self, direction: Array) -> float:

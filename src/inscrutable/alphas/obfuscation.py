@@ -120,10 +120,10 @@ def _cheapest_directions(problem: AlphaProblem, most: int) -> Array:
         )[1]
         return np.asarray(vectors.T[::-1])
     values, vectors = np.linalg.eigh(problem.theta)
-    felt = np.flatnonzero(values > tolerances.CURVATURE * max(float(values[-1]), 0.0))
-    if not felt.size or values[-1] <= 0.0:
+    curved = np.flatnonzero(values > tolerances.CURVATURE * max(float(values[-1]), 0.0))
+    if not curved.size or values[-1] <= 0.0:
         raise ModelError("no signal moves any decision: decisions reveal nothing, and there is nothing to hide")
-    return np.asarray(vectors[:, felt[:most]].T)
+    return np.asarray(vectors[:, curved[:most]].T)
 
 
 def _searched(problem: AlphaProblem, mean: Array, limit: float, directions: Array) -> AlphaDecision:

@@ -129,7 +129,7 @@ def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
     units = _active(network.generators)
     _check_fixed(units, "p_nom_extendable", "generators")
     size = units["p_nom"].to_numpy(dtype=np.float64)
-    least, most, slope, bend = (
+    least, most, slope, curvature = (
         _at(network, "generators", key, snapshot)[units.index].to_numpy(dtype=np.float64)
         for key in ("p_min_pu", "p_max_pu", "marginal_cost", "marginal_cost_quadratic")
     )
@@ -138,7 +138,7 @@ def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
         loads,
         units["bus"].to_numpy(dtype=object),
         np.column_stack([size * least, size * most]),
-        bend,
+        curvature,
         slope,
         ends,
         data,

@@ -164,7 +164,7 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
 
 def best_decisions(case: Case, beliefs: Array, progress: Progress | None = None) -> Decisions:
     """Return the best single decisions of beliefs (T,X), none worse than the optimal one; each belief independently."""
-    if case.is_quadratic_distance and case.space.problem.bends:
+    if case.is_quadratic_distance and case.space.problem.is_strictly_convex:
         return _searched(case, beliefs, progress)
     if is_streamed(case.measure):
         return cheapest_by_search(case, beliefs, best_decisions, progress).decisions()
@@ -219,7 +219,7 @@ def _search(case: Case, belief: Array, reference: Reference | None) -> Decision:
             # The measure may be a function of a distance without being equal to it.
             privacy = float(case.measure(belief, found.belief_set))
             found = replace(found, privacy=privacy, privacy_bound=max(case.measure.upper_bound(belief), privacy))
-        if quadratic.bends or not _some_candidate_is_better(case, belief, found, limit):
+        if quadratic.is_strictly_convex or not _some_candidate_is_better(case, belief, found, limit):
             return found
         other = _search_candidates(case, belief, optimal, optimal_cost, limit)
         return other if other.privacy > found.privacy + tolerances.NO_PRIVACY else found

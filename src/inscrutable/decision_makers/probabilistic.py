@@ -223,7 +223,11 @@ def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> M
     """Return the lotteries of beliefs (T,X), each searched independently, the best single decision among its atoms."""
     space = case.space
     aims, optimal_costs = space.aims(case.measure, case.budget, beliefs)
-    singles = best_in_regions(space, aims) if space.problem.bends else _as_best(space, best_decisions(case, beliefs))
+    singles = (
+        best_in_regions(space, aims)
+        if space.problem.is_strictly_convex
+        else _as_best(space, best_decisions(case, beliefs))
+    )
     found = best_lotteries(space, aims, singles, progress)
     alone = found.probabilities[:, 1] <= 0.0
     best = np.where(alone, found.privacies[:, 0], found.privacies.max(axis=1))

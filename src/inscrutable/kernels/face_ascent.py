@@ -119,7 +119,7 @@ def set_distance_model(
 
 
 @internal
-def cost_model(curves: Any, belief: Any, w: Any, slope: Any, bend: Any) -> None:
+def cost_model(curves: Any, belief: Any, w: Any, slope: Any, curvature: Any) -> None:
     """Gradient and Hessian of the expected cost in v."""
     k = w.size - 1
     for a in range(k):
@@ -130,7 +130,7 @@ def cost_model(curves: Any, belief: Any, w: Any, slope: Any, bend: Any) -> None:
                 total += belief[i] * curves[i, a, c]
             slope[a] += total * w[c]
             if c < k:
-                bend[a, c] = total
+                curvature[a, c] = total
 
 
 @internal
@@ -166,7 +166,7 @@ def _pull(curves: Any, rows: Any, aim: Any, basis: Any, turns: int, place: Any, 
     n_states, n = basis.shape
     k = w.size - 1
     m = rows.shape[0]
-    slope, bend = np.empty(k), np.empty((k, k))
+    slope, curvature = np.empty(k), np.empty((k, k))
     step, multipliers = np.empty(k + n), np.empty(units.shape[0])
     for turn in range(turns + 1):
         left = aim.limit - cost_at(curves, aim.belief, w) + aim.optimal_cost
@@ -178,7 +178,7 @@ def _pull(curves: Any, rows: Any, aim: Any, basis: Any, turns: int, place: Any, 
             return True
         if turn == turns:
             return False
-        cost_model(curves, aim.belief, w, slope, bend)
+        cost_model(curves, aim.belief, w, slope, curvature)
         _write_rows(rows, basis, place, slope, left, lines)
         step[:] = 0.0
         if not project(units, sides, sides.size, k, PROJECTED, step, multipliers):
@@ -198,8 +198,8 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, place: Any, active: Any
     """
     (w, z), (slope, hessian), (distance, weight, is_known) = place, out, known
     k = w.size - 1
-    cost_slope, bend = np.empty(k), np.empty((k, k))
-    cost_model(curves, aim.belief, w, cost_slope, bend)
+    cost_slope, curvature = np.empty(k), np.empty((k, k))
+    cost_model(curves, aim.belief, w, cost_slope, curvature)
     slope[:] = 0.0
     hessian[:, :] = 0.0
     set_distance_model(rows, aim.point, basis, w, z, active, slope, hessian)
@@ -220,11 +220,11 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, place: Any, active: Any
         square += cost_slope[a] * cost_slope[a]
     if aim.limit < np.inf and not is_known and square > 0.0:
         weight = max(inner / square, 0.0)
-    bending = weight if aim.limit < np.inf else aim.price
+    cost_weight = weight if aim.limit < np.inf else aim.price
     size = 0.0
     for a in range(k):
         for b in range(k):
-            hessian[a, b] += bending * bend[a, b]
+            hessian[a, b] += cost_weight * curvature[a, b]
             size = max(size, abs(hessian[a, b]))
     for c in range(k, slope.size):
         hessian[c, c] = max(_WITNESS * size, _LEAST_WITNESS)
@@ -322,7 +322,7 @@ def ascend(face: Any, rows: Any, aim: Any, basis: Any, w: Any, z: Any, floor: fl
     lines = m + 1 if has_budget else m
     units, sides, lengths, weights = np.empty((lines, size)), np.empty(lines), np.empty(lines), np.zeros(lines)
     hessian, slope, step, memory = np.empty((size, size)), np.empty(size), np.empty(size), step_room(size, lines)
-    cost_slope, bend = np.empty(k), np.empty((k, k))
+    cost_slope, curvature = np.empty(k), np.empty((k, k))
     trial, member, nearest = w.copy(), z.copy(), np.empty(n_states)
     written, active = (units, sides, lengths), room.active[: k + face.n_set_rows]
     model = (active, slope, hessian, step, weights, memory)
@@ -349,7 +349,7 @@ def ascend(face: Any, rows: Any, aim: Any, basis: Any, w: Any, z: Any, floor: fl
             enough = max(_CREEP * abs(best), _OF_SHORTFALL * (floor + best))
             creeps = share == 1.0 and (_TRIALS - turn) * gain <= enough
             share = 1.0
-            cost_model(curves, aim.belief, w, cost_slope, bend)
+            cost_model(curves, aim.belief, w, cost_slope, curvature)
             left = aim.limit - cost_at(curves, aim.belief, w) + aim.optimal_cost
             _write_rows(rows, basis, (w, z), cost_slope, left, written)
             state = (distance, weight, known)

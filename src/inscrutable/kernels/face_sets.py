@@ -31,8 +31,8 @@ def move_to_cheapest(face: Any, aim: Any, w: Any) -> None:
     first, k = face.n_set_rows, w.size - 1
     m = face.rows.shape[0] - first
     units, sides, weights = np.empty((m, k)), np.empty(m), np.empty(m)
-    slope, bend, step = np.empty(k), np.empty((k, k)), np.empty(k)
-    cost_model(face.curves, aim.belief, w, slope, bend)
+    slope, curvature, step = np.empty(k), np.empty((k, k)), np.empty(k)
+    cost_model(face.curves, aim.belief, w, slope, curvature)
     for r in range(m):
         # value + row·step ≥ 0; where no coordinate moves a row, it holds everywhere or nowhere.
         value = face.rows[first + r, 0, k]
@@ -41,7 +41,7 @@ def move_to_cheapest(face: Any, aim: Any, w: Any) -> None:
             value += face.rows[first + r, 0, a] * w[a]
         sides[r], _ = at_unit_length(units[r], value)
     shift, below = Shift(k, 0.0, 1.0), HalfSpaces(units, sides, NO_EQUALITIES)
-    if quadratic_step(bend, slope, shift, below, step, weights, step_room(k, m)):
+    if quadratic_step(curvature, slope, shift, below, step, weights, step_room(k, m)):
         put_shifted(w, 1.0, step, w)
 
 
@@ -66,7 +66,7 @@ def _interval(face: Any, aim: Any, w: Any, direction: Any, limit: float) -> tupl
         else:
             high = min(high, -value / speed)
     if limit < np.inf:
-        bend, lean = 0.0, 0.0
+        quadratic, linear = 0.0, 0.0
         for i in range(aim.belief.size):
             for a in range(k):
                 inner, along = 0.0, 0.0
@@ -74,17 +74,17 @@ def _interval(face: Any, aim: Any, w: Any, direction: Any, limit: float) -> tupl
                     inner += curves[i, a, c] * w[c]
                 for c in range(k):
                     along += curves[i, a, c] * direction[c]
-                bend += 0.5 * aim.belief[i] * direction[a] * along
-                lean += aim.belief[i] * direction[a] * inner
+                quadratic += 0.5 * aim.belief[i] * direction[a] * along
+                linear += aim.belief[i] * direction[a] * inner
         excess = cost_at(curves, aim.belief, w) - aim.optimal_cost - limit
-        if bend > 0.0:
-            root = lean * lean - 4.0 * bend * excess
+        if quadratic > 0.0:
+            root = linear * linear - 4.0 * quadratic * excess
             if root < 0.0:
                 return _NO_INTERVAL
             # The two roots without cancellation.
             root = np.sqrt(root)
-            q = -0.5 * (lean + root) if lean > 0.0 else -0.5 * (lean - root)
-            first = q / bend
+            q = -0.5 * (linear + root) if linear > 0.0 else -0.5 * (linear - root)
+            first = q / quadratic
             second = excess / q if q != 0.0 else 0.0
             low, high = max(low, min(first, second)), min(high, max(first, second))
     return low, high

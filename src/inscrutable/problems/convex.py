@@ -359,8 +359,8 @@ class _Expected:
                 sides[off] = np.where(np.isfinite(sides[off]).all(axis=2, keepdims=True), sides[off], back)
         hessians = np.where(np.isfinite(sides), sides, 0.0) / step
         values, vectors = np.linalg.eigh(0.5 * (hessians + hessians.transpose(0, 2, 1)))
-        bent = np.einsum("nij,nj,nkj->nik", vectors, np.maximum(values, 0.0), vectors)
-        return Model(self.values(held, points), slopes, bent)
+        hessians = np.einsum("nij,nj,nkj->nik", vectors, np.maximum(values, 0.0), vectors)
+        return Model(self.values(held, points), slopes, hessians)
 
     def _moved(self, held: Array, points: Array, moves: Array) -> Array:
         """Slopes (n,m,U) at points (n,U) after each of moves (m,U)."""

@@ -152,10 +152,10 @@ def dispatch_problem(
     if ceilings.shape != farms.shape or (ceilings < 0).any():
         raise InputError(f"wind_capacities is {ceilings}; expected one per farm, {len(farms)}, of at least 0 MW")
     price = validation.positive(penalty, "penalty")
-    bends = np.concatenate([2.0 * network.quadratic_costs, np.full(len(farms), 2.0 * price)])
+    curvatures = np.concatenate([2.0 * network.quadratic_costs, np.full(len(farms), 2.0 * price)])
     region, line_rows = _schedule(network, farms, ceilings, min_slack)
     return DispatchProblem(
-        np.tile(np.diag(bends), (len(means), 1, 1)),
+        np.tile(np.diag(curvatures), (len(means), 1, 1)),
         np.column_stack([np.tile(network.slopes, (len(means), 1)), -2.0 * price * means]),
         price * (means**2 + deviations**2).sum(axis=1) + network.running_cost,
         constraints=region,

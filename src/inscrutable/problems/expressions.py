@@ -33,7 +33,7 @@ class Node:
     slope: Array | None = None  # (U, size)
     children: list[Node] = field(default_factory=list)
     slopes: list[Array | None] | None = None  # (child's size, size) of an affine atom, None for constants
-    bend: Function | None = None  # the slope of a function of one argument, entry by entry
+    derivative: Function | None = None  # the slope of a function of one argument, entry by entry
     gather: tuple[Function, Function] | None = (
         None  # value (n,) and gradient (n, child's size) of a function of one vector
     )
@@ -56,7 +56,7 @@ class Node:
                     total += child.values(points) @ slope
             return total
         inner = [child.values(points) for child in self.children]
-        if self.bend is not None:
+        if self.derivative is not None:
             return np.asarray(self.expression.numeric([inner[0]]))
         if self.gather is not None:
             return self.gather[0](inner[0])[:, None]
@@ -75,8 +75,8 @@ class Node:
                     total += child.gradients(points) @ slope
             return total
         inner = [child.values(points) for child in self.children]
-        if self.bend is not None:
-            return self.children[0].gradients(points) * self.bend(inner[0])[:, None, :]
+        if self.derivative is not None:
+            return self.children[0].gradients(points) * self.derivative(inner[0])[:, None, :]
         if self.gather is not None:
             return self.children[0].gradients(points) @ self.gather[1](inner[0])[:, :, None]
         below = [None if child.constant is not None else child.gradients(points) for child in self.children]
@@ -117,7 +117,7 @@ def tree_of(expression: Any, variable: Any) -> Node:
         if isinstance(expression, AffAtom):
             _describe_affine(node)
         else:
-            node.bend, node.gather = _entrywise(node), _gathered(node)
+            node.derivative, node.gather = _entrywise(node), _gathered(node)
     return node
 
 

@@ -14,7 +14,7 @@ from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region, simplex
 from inscrutable.problems.newton import Model, minimise_smooth
-from inscrutable.problems.quadratic import bent_alike
+from inscrutable.problems.quadratic import are_strictly_convex
 from inscrutable.problems.quadratic_programme import Layout, layout_of
 from inscrutable.validation import Array
 
@@ -126,9 +126,9 @@ class KellyProblem(DecisionProblem):
         positive probability. A belief may be certain of one state; decisions with the same wealth in that state's outcomes
         must then have the same wealth in all outcomes.
         """
-        bends = np.einsum("xs,xsu,xsv->xuv", self.probabilities, self.gross_returns, self.gross_returns)
+        hessians = np.einsum("xs,xsu,xsv->xuv", self.probabilities, self.gross_returns, self.gross_returns)
         possible = self.gross_returns[self.probabilities > 0]
-        if not bent_alike(bends, possible, self.constraints.A_eq):
+        if not are_strictly_convex(hessians, possible, self.constraints.A_eq):
             return False
         # Near ruin costs are so large that other costs are lost to rounding.
         region = self.constraints

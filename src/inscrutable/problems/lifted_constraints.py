@@ -53,12 +53,12 @@ def _read(cvxpy: Any, variable: Any, constraints: Sequence[Any], rows: Polyhedro
     name = "; ".join(str(each) for each in constraints)
     found = _without_others(_stated(cvxpy, variable, constraints, name), name)
     named = name[:_LONGEST_NAME]
-    bent = found.weights.any(axis=1)
+    has_kinks = found.weights.any(axis=1)
     plain = Polyhedron(
-        found.rows[~bent], found.sides[~bent], names=[f"{named}[{i}]" for i in range(int((~bent).sum()))]
+        found.rows[~has_kinks], found.sides[~has_kinks], names=[f"{named}[{i}]" for i in range(int((~has_kinks).sum()))]
     )
     region = rows & plain if len(plain.b_ub) else rows
-    for row in np.flatnonzero(bent):
+    for row in np.flatnonzero(has_kinks):
         for limit in _limits(found, int(row), name):
             region = limited(region, limit._replace(name=named))
     return region

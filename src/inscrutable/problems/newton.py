@@ -76,12 +76,14 @@ def minimise_smooth(costs: SmoothCosts, held: Array, starts: Array, layout: Layo
 def _newton_points(model: Model, here: Array, layout: Layout) -> Array:
     n_actions = here.shape[1]
     # Per coordinate: a tiny share of wealth has a huge curvature, which must not damp the others.
-    bends = np.abs(np.einsum("nuu->nu", model.hessians))
-    typical, steep = np.median(bends, axis=1), np.abs(model.gradients).max(axis=1)
-    typical = np.select([typical > 0, bends.max(axis=1) > 0, steep > 0], [typical, bends.max(axis=1), steep], 1.0)
-    damping = tolerances.DAMPING * (bends + tolerances.DAMPING * typical[:, None])
-    bent = model.hessians + damping[:, :, None] * np.eye(n_actions)
-    return solve_programmes(bent, model.gradients - np.einsum("nuv,nv->nu", bent, here), layout)
+    curvatures = np.abs(np.einsum("nuu->nu", model.hessians))
+    typical, steep = np.median(curvatures, axis=1), np.abs(model.gradients).max(axis=1)
+    typical = np.select(
+        [typical > 0, curvatures.max(axis=1) > 0, steep > 0], [typical, curvatures.max(axis=1), steep], 1.0
+    )
+    damping = tolerances.DAMPING * (curvatures + tolerances.DAMPING * typical[:, None])
+    damped = model.hessians + damping[:, :, None] * np.eye(n_actions)
+    return solve_programmes(damped, model.gradients - np.einsum("nuv,nv->nu", damped, here), layout)
 
 
 class _Ways(NamedTuple):

@@ -82,13 +82,13 @@ class QuadraticProblem(DecisionProblem):
         """Whether every state's cost is strictly convex on C, except in directions along which no state's cost changes."""
         scale = float(np.abs(self.hessians).max())
         weight = (scale or 1.0) / max(float(np.abs(self.linear).max()), tolerances.TINY)
-        felt = np.vstack([*self.hessians, weight * self.linear])
-        return bent_alike(self.hessians, felt, self.constraints.A_eq)
+        changing = np.vstack([*self.hessians, weight * self.linear])
+        return are_strictly_convex(self.hessians, changing, self.constraints.A_eq)
 
     @cached_property
-    def bends(self) -> bool:
+    def is_strictly_convex(self) -> bool:
         """Whether every state's cost is strictly convex on the equality null space: no decisions are tied."""
-        return bent_alike(self.hessians, np.eye(self.n_actions), self.constraints.A_eq)
+        return are_strictly_convex(self.hessians, np.eye(self.n_actions), self.constraints.A_eq)
 
     def quadratic_form(self) -> QuadraticForm | None:
         """Return H_i, g_i, r_i and C; None for a derived class with its own costs or gradients."""
@@ -324,13 +324,13 @@ def _stated(problem: DecisionProblem) -> QuadraticProblem | None:
     return QuadraticProblem(form.hessians, form.linear, form.constants, constraints=form.constraints)
 
 
-def bent_alike(hessians: Array, felt: Array, equalities: Array) -> bool:
+def are_strictly_convex(hessians: Array, changing: Array, equalities: Array) -> bool:
     """Whether each of the hessians (X,U,U) is positive definite on the null space of the equalities (e,U), except in directions
-    in the null space of `felt` (n,U)."""
+    in the null space of `changing` (n,U)."""
     inside = _null_space(equalities) if len(equalities) else np.eye(hessians.shape[1])
-    idle = _null_space(felt @ inside, float(np.linalg.norm(felt)))
-    bent = inside @ _null_space(idle.T) if idle.shape[1] else inside
-    least = [np.linalg.eigvalsh(bent.T @ hessian @ bent).min(initial=np.inf) for hessian in hessians]
+    idle = _null_space(changing @ inside, float(np.linalg.norm(changing)))
+    free = inside @ _null_space(idle.T) if idle.shape[1] else inside
+    least = [np.linalg.eigvalsh(free.T @ hessian @ free).min(initial=np.inf) for hessian in hessians]
     return bool(min(least) > tolerances.CURVATURE * float(np.abs(hessians).max()))
 
 

@@ -223,12 +223,12 @@ def _repair(hessian: Array, linear: Array, layout: Layout, working: _Working, st
     rows = layout.sides - layout.general @ u <= tolerances.FEASIBILITY
     fixed = layout.lower == layout.upper
     best, best_residual = u, np.inf
-    bends = bool(np.linalg.eigvalsh(hessian)[0] > tolerances.CURVATURE)
+    is_curved = bool(np.linalg.eigvalsh(hessian)[0] > tolerances.CURVATURE)
     for _ in range(_MOST_REPAIRS + 4 * u.size):
         free = np.flatnonzero(bounds == 0)
         normals = np.vstack([layout.general[rows], layout.equalities])
         sides = np.concatenate([layout.sides[rows], layout.equality_sides])
-        slide = None if bends else _flat_descent(hessian, linear, u, free, normals)
+        slide = None if is_curved else _flat_descent(hessian, linear, u, free, normals)
         if slide is None:
             step, multipliers = _newton_step(hessian, linear, u, free, normals, sides)
             length, blocking = _longest_step(u, step, layout, bounds, rows)
@@ -268,8 +268,8 @@ def _repair(hessian: Array, linear: Array, layout: Layout, working: _Working, st
 def _flat_descent(hessian: Array, linear: Array, u: Array, free: np.ndarray, normals: Array) -> Array | None:
     """The steepest direction along the working set in which the cost falls linearly; None where there is none."""
     ways = null_space(normals[:, free], rcond=tolerances.STATIONARITY) if len(normals) else np.eye(free.size)
-    bends, axes = np.linalg.eigh(ways.T @ hessian[np.ix_(free, free)] @ ways)
-    flat = ways @ axes[:, bends <= tolerances.CURVATURE]
+    curvatures, axes = np.linalg.eigh(ways.T @ hessian[np.ix_(free, free)] @ ways)
+    flat = ways @ axes[:, curvatures <= tolerances.CURVATURE]
     slope = flat @ (flat.T @ (hessian @ u + linear)[free])
     steepness = np.abs(slope).max(initial=0.0)
     if steepness <= tolerances.STATIONARITY:

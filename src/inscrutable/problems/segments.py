@@ -43,8 +43,8 @@ class MagnitudeLimit(NamedTuple):
     def used(self, points: Array) -> Array:
         """Return the left side of decisions (…,U), shape (…)."""
         pairs = zip(self.weights, self.centers, strict=True)
-        bent = sum((np.abs(points - center) @ weight for weight, center in pairs), start=np.zeros(points.shape[:-1]))
-        return np.asarray(bent + (points * self.linear).sum(axis=-1))
+        total = sum((np.abs(points - center) @ weight for weight, center in pairs), start=np.zeros(points.shape[:-1]))
+        return np.asarray(total + (points * self.linear).sum(axis=-1))
 
     def ordered(self, columns: np.ndarray) -> MagnitudeLimit:
         """Return the same of coordinates in another order."""
@@ -57,15 +57,17 @@ class Segments:
 
     Args:
         region: The rows of the feasible set in the decision itself.
-        bends: Places (U,), NaN for none, where coordinates have a breakpoint; several arrays where coordinates have several.
+        breakpoints: Places (U,), NaN for none, where coordinates have one; several arrays where coordinates have several.
         limits: Limits on sums of magnitudes, whose breakpoints are added; the slack of each is one more variable.
     """
 
-    def __init__(self, region: Polyhedron, bends: Sequence[Array] = (), limits: Sequence[MagnitudeLimit] = ()) -> None:
+    def __init__(
+        self, region: Polyhedron, breakpoints: Sequence[Array] = (), limits: Sequence[MagnitudeLimit] = ()
+    ) -> None:
         self.region, self.limits = region, tuple(limits)
         self._lower, self._upper = region.coordinate_bounds
         own = [row for each in self.limits for row in np.where(each.weights > 0, each.centers, np.nan)]
-        kinks = [self._inside(j, np.array(each)) for j, each in enumerate(zip(*bends, *own, strict=True))]
+        kinks = [self._inside(j, np.array(each)) for j, each in enumerate(zip(*breakpoints, *own, strict=True))]
         self._set_up(kinks, region.n_actions)
         least = region.min_slack * (1.0 + tolerances.SLACK_SAFETY)
         gaps = np.where(self._kind == _PLAIN, np.inf, self._ends)
@@ -85,21 +87,21 @@ class Segments:
 
     def _set_up(self, kinks: list[Array], size: int) -> None:
         """Columns: above the last breakpoint, below the first, between two, and coordinates without breakpoints."""
-        bent = [j for j in range(size) if kinks[j].size]
+        kinked = [j for j in range(size) if kinks[j].size]
         plain = [j for j in range(size) if not kinks[j].size]
-        between = [(j, k) for j in bent for k in range(kinks[j].size - 1)]
+        between = [(j, k) for j in kinked for k in range(kinks[j].size - 1)]
         bounds = self._lower, self._upper
         rest = np.where(np.isfinite(bounds[0]), bounds[0], np.where(np.isfinite(bounds[1]), bounds[1], 0.0))
         self.base = np.array([kinks[j][0] if kinks[j].size else rest[j] for j in range(size)])
         """The decision at which the variables are zero."""
-        self._place = np.array([*bent, *bent, *(j for j, _ in between), *plain], dtype=np.int64)
-        counts = (len(bent), len(bent), len(between), len(plain))
+        self._place = np.array([*kinked, *kinked, *(j for j, _ in between), *plain], dtype=np.int64)
+        counts = (len(kinked), len(kinked), len(between), len(plain))
         self._kind = np.repeat([_UP, _DOWN, _BETWEEN, _PLAIN], counts)
         self._sign = np.where(self._kind == _DOWN, -1.0, 1.0)
-        starts = [kinks[j][-1] for j in bent], self.base[bent], [kinks[j][k] for j, k in between], self.base[plain]
+        starts = [kinks[j][-1] for j in kinked], self.base[kinked], [kinks[j][k] for j, k in between], self.base[plain]
         self._start = np.concatenate([np.asarray(each, dtype=np.float64) for each in starts])
         lengths = [kinks[j][k + 1] - kinks[j][k] for j, k in between]
-        ends = self._upper[bent] - self._start[: len(bent)], self.base[bent] - self._lower[bent], lengths
+        ends = self._upper[kinked] - self._start[: len(kinked)], self.base[kinked] - self._lower[kinked], lengths
         self._ends = np.concatenate([*(np.asarray(each) for each in ends), self._upper[plain] - self.base[plain]])
 
     def slopes(self, weights: Array, centers: Array) -> Array:
@@ -111,8 +113,8 @@ class Segments:
 
     def _used(self, limit: MagnitudeLimit) -> Array:
         """The slopes of a limit in the variables, shape (V,)."""
-        bent = [self.slopes(*pair) for pair in zip(limit.weights, limit.centers, strict=True)]
-        return np.asarray(sum(bent) + np.broadcast_to(limit.linear, self.base.size) @ self.columns)
+        kinked = [self.slopes(*pair) for pair in zip(limit.weights, limit.centers, strict=True)]
+        return np.asarray(sum(kinked) + np.broadcast_to(limit.linear, self.base.size) @ self.columns)
 
     def hessians(self, hessians: Array) -> Array:
         """Return the curvatures (X,V,V) of costs with curvatures (X,U,U); strictly convex where these are."""

@@ -53,12 +53,12 @@ def with_transaction_costs(
     held = validation.finite_array(former, "former", ndim=1, axes=(assets,))
     if held.size != problem.n_actions:
         raise InputError(f"former has {held.size} coordinates, expected {problem.n_actions}")
-    bend = _rates(quadratic, held.size, "quadratic", assets)
-    if bend.any():
+    impact = _rates(quadratic, held.size, "quadratic", assets)
+    if impact.any():
         smooth = QuadraticProblem(
-            smooth.hessians + np.diag(2.0 * bend),
-            smooth.linear - 2.0 * bend * held,
-            smooth.constants + float(bend @ held**2),
+            smooth.hessians + np.diag(2.0 * impact),
+            smooth.linear - 2.0 * impact * held,
+            smooth.constants + float(impact @ held**2),
             constraints=smooth.constraints,
         )
         smooth.state_names = problem.state_names

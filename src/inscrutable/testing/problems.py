@@ -282,11 +282,11 @@ def _check_rays(sample: _Sample) -> None:
         decoys = belief + shares * (end - belief)
         solved = problem.solve_points(decoys)
         values = (decoys * problem.state_costs(solved)).sum(axis=1)
-        bend = 0.5 * (values[:-2] + values[2:]) - values[1:-1]
+        excess = 0.5 * (values[:-2] + values[2:]) - values[1:-1]
         promise(
-            float(bend.max()) <= sample.allowed,
+            float(excess.max()) <= sample.allowed,
             "the optimal cost is concave in the belief",
-            f"between {belief} and {end} it lies {bend.max():.3g} below its chord",
+            f"between {belief} and {end} it lies {excess.max():.3g} below its chord",
         )
         costs = problem.state_costs(solved) @ belief
         falls = -np.diff(costs)

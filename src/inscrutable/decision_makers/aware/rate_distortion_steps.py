@@ -47,12 +47,12 @@ def squared_cycle(kernel: Array, weights: Array, law: Array, target: float) -> t
         return law, 1
     second, _, _ = _step(kernel, weights, first)
     move = first - law
-    bend = second - first - move
-    length = max(1.0, float(np.linalg.norm(move)) / max(float(np.linalg.norm(bend)), _TINY))
-    ahead = law + 2.0 * length * move + length * length * bend
+    change = second - first - move
+    length = max(1.0, float(np.linalg.norm(move)) / max(float(np.linalg.norm(change)), _TINY))
+    ahead = law + 2.0 * length * move + length * length * change
     while length > 1.0 and ahead.min() < 0:
         length = 0.5 * (length + 1.0) if length > 1.1 else 1.0
-        ahead = law + 2.0 * length * move + length * length * bend
+        ahead = law + 2.0 * length * move + length * length * change
     ahead = np.maximum(ahead, 0.0)
     after, reached, _ = _step(kernel, weights, ahead / ahead.sum())
     return after if reached <= value else second, 3

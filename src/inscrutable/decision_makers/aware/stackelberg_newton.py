@@ -228,8 +228,8 @@ def _lengths(now: _Point, move: _Point, allowed: np.ndarray) -> tuple[float, flo
     """The largest primal step (rows, unspent budgets) and dual step at which nothing is negative."""
     rows = min(_longest(np.where(allowed, now.rows, 1.0), move.rows), _longest(now.unspent, move.unspent))
     # A slack is quadratic: S + t S' − t² |μ'|². Where it never falls the denominator below is zero.
-    bend = (move.estimates**2).sum(axis=1)
-    fall = np.sqrt(move.spare**2 + 4.0 * bend * now.spare) - move.spare
+    curvature = (move.estimates**2).sum(axis=1)
+    fall = np.sqrt(move.spare**2 + 4.0 * curvature * now.spare) - move.spare
     worst = float(np.where(allowed, fall / now.spare, 0.0).max(initial=0.0))
     return rows, min(np.inf if worst <= 0 else 2.0 / worst, _longest(now.prices, move.prices))
 
@@ -241,8 +241,8 @@ def _stepped(game: Game, costs: Array, now: _Point) -> _Point | None:
     move = newton.towards(*(-each for each in products))
     lengths = tuple(min(1.0, each) for each in _lengths(now, move, game.allowed))
     each, share = _centre(game, products, _products(game, now, move, (lengths[0], lengths[1])))
-    bend = now.rows * (move.estimates**2).sum(axis=1)
-    second = move.rows * move.spare - bend, move.prices * move.unspent
+    curvature = now.rows * (move.estimates**2).sum(axis=1)
+    second = move.rows * move.spare - curvature, move.prices * move.unspent
     aim = share * each[:, None] - products[0] - second[0], share * each - products[1] - second[1]
     move = newton.towards(np.where(game.allowed, aim[0], 0.0), aim[1])
     primal, dual = (min(1.0, _TO_BOUNDARY * length) for length in _lengths(now, move, game.allowed))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.decision_makers.baselines.lots import Lots
+from inscrutable.decision_makers.baselines.candidate_lotteries import CandidateLotteries
 from inscrutable.decision_makers.baselines.lottery import DrawingDecisionMaker
 from inscrutable.decision_makers.candidates import make_candidates
 from inscrutable.decision_makers.results import DecisionStatus
@@ -87,7 +87,7 @@ class CoinDecisionMaker(DrawingDecisionMaker):
         odds = np.exp(-validation.non_negative(epsilon, "epsilon"))
         return cls(problem, n_choices * odds / (1.0 + (n_choices - 1) * odds), decoy=np.eye(problem.n_states)[states])
 
-    def _lots(self, beliefs: Array) -> Lots:
+    def _lotteries(self, beliefs: Array) -> CandidateLotteries:
         decoys = np.atleast_2d(self.decoy)
         both = np.vstack([decoys, beliefs])
         candidates = make_candidates(self.problem, self.problem.solve_points(both), both)
@@ -100,7 +100,7 @@ class CoinDecisionMaker(DrawingDecisionMaker):
         rest = np.where(same.any(axis=1, keepdims=True), 0.0, 1.0 - self.probability)
         numbers = np.hstack([np.broadcast_to(drawn, same.shape), own])
         statuses = (DecisionStatus.RULE_OF_THUMB,) * len(beliefs)
-        return Lots(
+        return CandidateLotteries(
             self.problem,
             candidates,
             beliefs,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.decision_makers.baselines.lots import Lots
+from inscrutable.decision_makers.baselines.candidate_lotteries import CandidateLotteries
 from inscrutable.decision_makers.baselines.lottery import CandidateLottery
 from inscrutable.decision_makers.candidate_sources import is_simplex
 from inscrutable.decision_makers.candidates import Candidates
@@ -70,7 +70,7 @@ class DirichletDecisionMaker(CandidateLottery):
         # A level of zero would have no logarithm.
         self._levels = np.maximum(validation.generator(rng).random((n_draws, problem.n_actions)), np.finfo(float).tiny)
 
-    def _lots(self, beliefs: Array) -> Lots:
+    def _lotteries(self, beliefs: Array) -> CandidateLotteries:
         from scipy.spatial import cKDTree
 
         optimal = np.atleast_1d(self.problem.optimal_cost(beliefs))
@@ -87,7 +87,7 @@ class DirichletDecisionMaker(CandidateLottery):
         costs = (self.candidates.state_costs[numbers] * beliefs[:, None]).sum(axis=2)
         regrets = np.maximum(costs - optimal[:, None], 0.0)
         statuses = (DecisionStatus.RULE_OF_THUMB,) * len(beliefs)
-        return Lots(self.problem, self.candidates, beliefs, numbers, shares, regrets, optimal, statuses)
+        return CandidateLotteries(self.problem, self.candidates, beliefs, numbers, shares, regrets, optimal, statuses)
 
 
 def dirichlet_quantiles(shapes: Array, levels: Array) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.decision_makers.baselines.lots import Lots
+from inscrutable.decision_makers.baselines.candidate_lotteries import CandidateLotteries
 from inscrutable.decision_makers.baselines.lottery import CandidateLottery
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.results import DecisionStatus
@@ -54,11 +54,11 @@ class ExponentialDecisionMaker(CandidateLottery):
         super().__init__(problem, candidates, on_empty)
         self.epsilon = validation.non_negative(epsilon, "epsilon")
 
-    def _lots(self, beliefs: Array) -> Lots:
+    def _lotteries(self, beliefs: Array) -> CandidateLotteries:
         optimal = np.atleast_1d(self.problem.optimal_cost(beliefs))
         regrets = self._regrets(beliefs, optimal)
         shares = np.exp(-self.epsilon * (regrets - regrets.min(axis=1, keepdims=True)))
         shares /= shares.sum(axis=1, keepdims=True)
         numbers = np.broadcast_to(self.choices, shares.shape)
         statuses = (DecisionStatus.RULE_OF_THUMB,) * len(beliefs)
-        return Lots(self.problem, self.candidates, beliefs, numbers, shares, regrets, optimal, statuses)
+        return CandidateLotteries(self.problem, self.candidates, beliefs, numbers, shares, regrets, optimal, statuses)

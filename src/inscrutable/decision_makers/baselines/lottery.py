@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.decision_makers.arguments import Described, checked_on_empty
-from inscrutable.decision_makers.baselines.lots import Lots, cleaned
+from inscrutable.decision_makers.baselines.candidate_lotteries import CandidateLotteries, cleaned
 from inscrutable.decision_makers.candidate_sources import as_candidates
 from inscrutable.decision_makers.candidates import Candidates, distinct_of
 from inscrutable.decision_makers.results import MixedDecision, MixedDecisions
@@ -29,7 +29,7 @@ class DrawingDecisionMaker(Described, ABC):
         self.problem = checked_problem(problem)
 
     @abstractmethod
-    def _lots(self, beliefs: Array) -> Lots:
+    def _lotteries(self, beliefs: Array) -> CandidateLotteries:
         """Return the lotteries for beliefs (T,X)."""
 
     def decide(self, belief: ArrayLike) -> MixedDecision:
@@ -45,12 +45,12 @@ class DrawingDecisionMaker(Described, ABC):
 
         The same lotteries as `decide_many`, without the consistent beliefs of each decision.
         """
-        lots = self._cleaned(beliefs)
-        return lots.candidates.actions, lots.numbers, lots.shares
+        lotteries = self._cleaned(beliefs)
+        return lotteries.candidates.actions, lotteries.numbers, lotteries.shares
 
-    def _cleaned(self, beliefs: ArrayLike) -> Lots:
+    def _cleaned(self, beliefs: ArrayLike) -> CandidateLotteries:
         return cleaned(
-            self._lots(validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names))
+            self._lotteries(validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names))
         )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable.budgets import Budget, as_budget
-from inscrutable.decision_makers.baselines.lots import Lots
+from inscrutable.decision_makers.baselines.candidate_lotteries import CandidateLotteries
 from inscrutable.decision_makers.baselines.lottery import CandidateLottery
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
 from inscrutable.decision_makers.results import DecisionStatus
@@ -54,7 +54,7 @@ class UniformDecisionMaker(CandidateLottery):
         super().__init__(problem, candidates, on_empty)
         self.budget = as_budget(budget)
 
-    def _lots(self, beliefs: Array) -> Lots:
+    def _lotteries(self, beliefs: Array) -> CandidateLotteries:
         optimal = np.atleast_1d(self.problem.optimal_cost(beliefs))
         regrets = self._regrets(beliefs, optimal)
         affordable = regrets <= self.budget.limits(optimal)[:, None]
@@ -69,4 +69,4 @@ class UniformDecisionMaker(CandidateLottery):
         for step in bare:
             statuses[step] = DecisionStatus.NO_AFFORDABLE_PRIVACY
         shares = affordable / affordable.sum(axis=1, keepdims=True)
-        return Lots(self.problem, candidates, beliefs, numbers, shares, regrets, optimal, tuple(statuses))
+        return CandidateLotteries(self.problem, candidates, beliefs, numbers, shares, regrets, optimal, tuple(statuses))

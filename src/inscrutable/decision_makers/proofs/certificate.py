@@ -167,15 +167,15 @@ class Prover:
         pairs = edges(corners.shape[1])
         points, costs = self.points.beliefs[corners], self.points.costs[corners]
         ways = points[:, pairs[:, 1]] - points[:, pairs[:, 0]]
-        bends = np.maximum(((costs[:, pairs[:, 0]] - costs[:, pairs[:, 1]]) * ways).sum(axis=2), 0.0)
+        curvatures = np.maximum(((costs[:, pairs[:, 0]] - costs[:, pairs[:, 1]]) * ways).sum(axis=2), 0.0)
         lengths = (ways * ways).sum(axis=2)
-        shares = [part / np.maximum(part.sum(axis=1, keepdims=True), tolerances.TINY) for part in (bends, lengths)]
+        shares = [part / np.maximum(part.sum(axis=1, keepdims=True), tolerances.TINY) for part in (curvatures, lengths)]
         edge, share = (np.sqrt(shares[0]) + np.sqrt(shares[1])).argmax(axis=1), np.full(len(corners), 0.5)
         if self._smooth is not None:
             cuts = cuts_at_kinks(self._smooth, corners, pairs)
-            bent = cuts.bent & nearly & (kinks < _MOST_KINKS)
+            at_kink = cuts.at_kink & nearly & (kinks < _MOST_KINKS)
             edge, share, kinks = (
-                np.where(bent, *either) for either in ((cuts.edge, edge), (cuts.share, share), (kinks + 1, 0))
+                np.where(at_kink, *either) for either in ((cuts.edge, edge), (cuts.share, share), (kinks + 1, 0))
             )
         chosen = pairs[edge]
         made = self.points.between(corners[np.arange(len(corners))[:, None], chosen], share)
@@ -192,7 +192,7 @@ class Prover:
             near = self._smooth.nearness(corners)
             regrets = self._smooth.regret_bounds(corners, near)
             lost = np.where(np.isfinite(near.near), near.regrets.max(axis=1), 0.0)
-            if not self._smooth.bends:
+            if not self._smooth.is_strictly_convex:
                 blind = np.flatnonzero(self._smooth.is_blind(regrets, near))
                 values = np.zeros((*corners.shape, LEVELS_TRIED * corners.shape[1]))
                 values[blind] = self._by_values(corners[blind])

@@ -76,7 +76,7 @@ class GrowthCells(SmoothCells):
         super().__init__(problem, points, form)
 
     @property
-    def bends(self) -> bool:
+    def is_strictly_convex(self) -> bool:
         """False: decisions may be tied in a corner's outcomes, and wealth may be near zero."""
         return False
 
@@ -146,18 +146,18 @@ class GrowthCells(SmoothCells):
         change = known.gradients[corners[:, first]] - known.gradients[corners[:, second]]
         apart = beliefs[corners[:, first]] - beliefs[corners[:, second]]
         one, other = spread.wealth[:, first], spread.wealth[:, second]
-        bent = (one - other) ** 2 / (one * other)
+        spreads = (one - other) ** 2 / (one * other)
         least, most = spread.ratios.min(axis=1), spread.ratios.max(axis=1)
-        broken = np.einsum("cek,ck,kf->cef", bent, 0.5 * (least + most), self._rows)
+        broken = np.einsum("cek,ck,kf->cef", spreads, 0.5 * (least + most), self._rows)
         broken -= np.einsum("cex,cexf->cef", apart, change)
-        return broken, bent * (0.5 * (most - least))[:, None]
+        return broken, spreads * (0.5 * (most - least))[:, None]
 
     def _roots(self, weights: Array, held: Array) -> tuple[Array, Array]:
         """A^(−1/2) (C,F,F) of the curvature A that outcomes of weights (C,K) and rows held by (C,r) give, and its least
         eigenvalue (C,)."""
-        bends = np.einsum("ck,kf,kg->cfg", weights, self._rows, self._rows)
-        bends += np.einsum("cr,rf,rg->cfg", held, self.form.rows, self.form.rows)
-        values, vectors = np.linalg.eigh(bends)
+        curvatures = np.einsum("ck,kf,kg->cfg", weights, self._rows, self._rows)
+        curvatures += np.einsum("cr,rf,rg->cfg", held, self.form.rows, self.form.rows)
+        values, vectors = np.linalg.eigh(curvatures)
         sizes = np.maximum(values, tolerances.CURVATURE)
         return vectors / np.sqrt(sizes)[:, None, :], sizes[:, 0]
 

@@ -22,7 +22,7 @@ with .1 one takes .6 of them; no gap differs by more than .004."""
 class Cuts(NamedTuple):
     """Where cells are best cut for a kink."""
 
-    bent: np.ndarray  # (C,) whether they lose most to a kink
+    at_kink: np.ndarray  # (C,) whether they lose most to a kink
     edge: np.ndarray  # (C,) which pair of corners
     share: Array  # (C,) of the way from the first of the pair to the second
 
@@ -37,22 +37,22 @@ def cuts_at_kinks(cells: SmoothCells, corners: np.ndarray, pairs: np.ndarray) ->
     largest = products.reshape(len(corners), -1).argmax(axis=1)
     end, edge, row = np.unravel_index(largest, products.shape[1:])
     tight, loose = ends[every, end, edge], ends[every, 1 - end, edge]
-    bent = products[every, end, edge, row] > cells.unrest(corners) ** 2
+    at_kink = products[every, end, edge, row] > cells.unrest(corners) ** 2
     share = np.full(len(corners), 0.5)
-    for cell in np.flatnonzero(bent):
+    for cell in np.flatnonzero(at_kink):
         force, slack = known.multipliers[tight[cell], row[cell]], known.slacks[loose[cell], row[cell]]
         held = (known.multipliers[tight[cell]] > 0.0) & (known.slacks[loose[cell]] <= tolerances.FEASIBILITY)
         held[row[cell]] = False
         middle = 0.5 * (cells.points.beliefs[tight[cell]] + cells.points.beliefs[loose[cell]])
         inside = _give(cells, middle, held, int(row[cell])) * force
         share[cell] = inside / max(inside + slack, tolerances.TINY)
-    bent &= (share > _LEAST_SHARE) & (share < 1.0 - _LEAST_SHARE)
-    return Cuts(bent, edge, np.where(end == 0, share, 1.0 - share))
+    at_kink &= (share > _LEAST_SHARE) & (share < 1.0 - _LEAST_SHARE)
+    return Cuts(at_kink, edge, np.where(end == 0, share, 1.0 - share))
 
 
 def _give(cells: SmoothCells, belief: Array, held: np.ndarray, row: int) -> float:
     """The compliance of a row: how far it moves per unit of its multiplier, the rows `held` being tight."""
     free = complement(cells.form.rows[held], cells.form.basis.shape[1])
     along = free.T @ cells.form.rows[row]
-    bend = free.T @ np.tensordot(belief, cells.form.hessians, axes=1) @ free
-    return float(along @ np.linalg.lstsq(bend, along, rcond=None)[0]) if along.size else 0.0
+    hessian = free.T @ np.tensordot(belief, cells.form.hessians, axes=1) @ free
+    return float(along @ np.linalg.lstsq(hessian, along, rcond=None)[0]) if along.size else 0.0

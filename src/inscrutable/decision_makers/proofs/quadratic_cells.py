@@ -32,14 +32,14 @@ class QuadraticCells(SmoothCells):
     """Bounds of the regret on cells, from the optimal decisions at their corners."""
 
     @property
-    def bends(self) -> bool:
+    def is_strictly_convex(self) -> bool:
         """Whether every belief's cost is strictly convex inside C."""
         least = np.linalg.eigvalsh(self.form.hessians)
         return bool((least[:, 0] > tolerances.CURVATURE * least[:, -1]).all())
 
     def is_blind(self, regrets: Array, near: Nearness) -> np.ndarray:
         """Return which cells (C,) need bounds by optimal costs: all where some belief's cost is not strictly convex."""
-        return np.full(len(regrets), not self.bends)
+        return np.full(len(regrets), not self.is_strictly_convex)
 
     @cached_property
     def _bending(self) -> float:
@@ -47,8 +47,8 @@ class QuadraticCells(SmoothCells):
 
     def _traits(self, actions: Array, beliefs: Array) -> Array:
         """Least and greatest curvature."""
-        bends = np.linalg.eigvalsh(np.tensordot(beliefs, self.form.hessians, axes=1))
-        return np.asarray(bends[:, [0, -1]])
+        curvatures = np.linalg.eigvalsh(np.tensordot(beliefs, self.form.hessians, axes=1))
+        return np.asarray(curvatures[:, [0, -1]])
 
     def unrest(self, corners: np.ndarray) -> Array:
         """Return the most by which interpolations break the conditions of optimality on cells (C,J): ‖R‖."""
@@ -63,12 +63,12 @@ class QuadraticCells(SmoothCells):
         broken, loose = self.unrest(corners), self.spare(corners, edges(corners.shape[1]))
         curvatures = self.known.traits[corners]
         least, greatest = curvatures[..., 0].min(axis=1), curvatures[..., 1].max(axis=1)
-        bent = least > tolerances.CURVATURE * greatest
-        least = np.where(bent, least, 1.0)
+        curved = least > tolerances.CURVATURE * greatest
+        least = np.where(curved, least, 1.0)
         near = (broken + np.sqrt(broken**2 + 4.0 * least * loose)) / (2.0 * least)
         slopes = np.linalg.norm(self.known.slopes[corners], axis=2)
         found = Nearness(near, broken + greatest * near, self._bending * near, slopes * near[:, None])
-        return found.where(bent)
+        return found.where(curved)
 
     def regret_bounds(self, corners: np.ndarray, near: Nearness) -> Array:
         """Return columns (C,J,K) of lower bounds of the regret of every optimal decision, linear on each cell (C,J)."""
@@ -79,11 +79,11 @@ class QuadraticCells(SmoothCells):
         away = places[:, :, None] - places[:, None]
         at_corners = regrets[:, None, :] + np.einsum("cjkf,ckf->cjk", away, slopes)
         apart = places[:, pairs[:, 0]] - places[:, pairs[:, 1]]
-        bends = ((slopes[:, pairs[:, 0]] - slopes[:, pairs[:, 1]]) * apart).sum(axis=2)
-        mean = regrets.mean(axis=1) - 0.5 * bends.sum(axis=1) / corners.shape[1] ** 2
+        curvatures = ((slopes[:, pairs[:, 0]] - slopes[:, pairs[:, 1]]) * apart).sum(axis=2)
+        mean = regrets.mean(axis=1) - 0.5 * curvatures.sum(axis=1) / corners.shape[1] ** 2
         centred = places - places.mean(axis=1, keepdims=True)
         at_mean = mean[:, None] + np.einsum("cjf,cf->cj", centred, slopes.mean(axis=1))
-        chord = regrets - 0.5 * pair_share(corners.shape[1]) * bends.max(axis=1)[:, None]
+        chord = regrets - 0.5 * pair_share(corners.shape[1]) * curvatures.max(axis=1)[:, None]
         columns = np.concatenate([at_corners, at_mean[:, :, None], chord[:, :, None]], axis=2)
         sure = np.isfinite(near.near)
         lost = np.where(sure[:, None], near.regrets, 0.0) + self.points.allowance

@@ -108,7 +108,7 @@ class SmoothCells(ABC):
 
     @property
     @abstractmethod
-    def bends(self) -> bool:
+    def is_strictly_convex(self) -> bool:
         """Whether no cell needs any other bounds."""
 
     @abstractmethod

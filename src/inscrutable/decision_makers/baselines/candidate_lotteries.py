@@ -16,7 +16,7 @@ from inscrutable.validation import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Lots:
+class CandidateLotteries:
     """For each of T beliefs a lottery of at most k candidates; padding has share 0 and repeats the first."""
 
     problem: DecisionProblem
@@ -48,25 +48,25 @@ class Lots:
         )
 
 
-def cleaned(lots: Lots) -> Lots:
+def cleaned(lotteries: CandidateLotteries) -> CandidateLotteries:
     """Return lotteries without atoms below `tolerances.PROBABILITY`, renormalised, and no wider than the widest."""
-    kept = lots.shares >= tolerances.PROBABILITY
+    kept = lotteries.shares >= tolerances.PROBABILITY
     order = np.argsort(~kept, axis=1, kind="stable")[:, : int(kept.sum(axis=1).max())]
     kept = np.take_along_axis(kept, order, axis=1)
     order = np.where(kept, order, order[:, :1])
     numbers, shares, regrets = (
-        np.take_along_axis(each, order, axis=1) for each in (lots.numbers, lots.shares, lots.regrets)
+        np.take_along_axis(each, order, axis=1) for each in (lotteries.numbers, lotteries.shares, lotteries.regrets)
     )
     shares = np.where(kept, shares, 0.0)
-    return Lots(
-        lots.problem,
-        lots.candidates,
-        lots.beliefs,
+    return CandidateLotteries(
+        lotteries.problem,
+        lotteries.candidates,
+        lotteries.beliefs,
         numbers,
         shares / shares.sum(axis=1, keepdims=True),
         regrets,
-        lots.optimal_costs,
-        lots.statuses,
+        lotteries.optimal_costs,
+        lotteries.statuses,
     )
 
 

@@ -86,6 +86,14 @@ READ = {
     "a map": (
         read_holdings, "asset,value\n0378,3\nTech,1\nGLD,1\n", {"assets": ASSETS, "names": {"0378": "Oil", "GLD": ""}},
         [[0.75, 0, 0.25]]),
+    "a stated separator": (read_returns, "sep=;\ndate;A\n2020-01-31;0,01\n", {}, [[0.01]]),
+    "a comma in a quoted name": (read_returns, 'date;"A, Inc";B\n2020-01-31;0,01;0,02\n', {}, [[0.01, 0.02]]),
+    "percent with decimal commas": (
+        read_holdings, "asset;value\nOil;12,5%\nFood;87,5 %\n", {"assets": ASSETS}, [[0.125, 0.875, 0]]),
+    "decimal points between semicolons": (
+        read_holdings, "asset;value\nOil;1.125\nFood;2.25\nTech;1.125\n", {"assets": ASSETS}, [[0.25, 0.5, 0.25]]),
+    "one month in two notations": (
+        read_holdings, "date,asset,value\n2020-01,Oil,1\n2020-01-31,Food,3\n", {"assets": ASSETS}, [[0.25, 0.75, 0]]),
     "a matrix": (read_labelled_matrix, "r,A,B\ny,3,4\nx,1,2\n", {"rows": ["x", "y"], "columns": ["B", "A"]}, [[2, 1], [4, 3]]),
 }  # fmt: skip
 
@@ -103,6 +111,26 @@ def test_what_is_read(case, tmp_path):
 ODD = {
     "both decimal signs": (read_returns, "date;A\n2020-01-31;0,01\n2020-02-29;0.02\n", {}, "not both"),
     "thousands or decimals": (read_returns, "date;A\n2020-01-31;1,234\n", {}, "thousands"),
+    "points of thousands below one another": (read_returns, "date;A;B\n2020-01;987;5\n2020-02;1.050;5\n", {"prices": True},
+        "'1.050' may have a decimal point or one of thousands"),
+    "points of thousands in a row": (
+        read_holdings, "Oil;Food;Tech\n1.234;987;5\n", {"assets": ASSETS}, "may have a decimal point or one of thousands"),
+    "percent with a comma of either kind": (
+        read_holdings, "asset;value\nOil;12,345%\nFood;87%\n", {"assets": ASSETS}, "'12,345%' may have a decimal comma"),
+    "a quoted percentage with a comma": (
+        read_holdings, 'asset,value\nOil,"12,345%"\nFood,87%\n', {"assets": ASSETS}, "may have a decimal comma"),
+    "a decimal comma in quotes": (read_holdings, 'Oil,Food,Tech\n"0,500",0.5,0\n', {"assets": ASSETS}, "expected an amount"),
+    "a row of totals": (
+        read_holdings, "date,Oil,Food\n2020-01,1,2\n2020-02,2,1\nTotal,3,3\n", {"assets": ASSETS}, "delete the line"),
+    "a row of means": (read_weights, "date,Oil,Food,Tech\n2020-01,1,0,0\nMean:,1,0,0\n", {"assets": ASSETS}, "delete the line"),
+    "one day in two notations": (
+        read_weights, "date,Oil,Food,Tech\n2020-01,1,0,0\n2020-01-31,0,1,0\n", {"assets": ASSETS}, "is duplicated"),
+    "shares without the value that others have": (
+        read_holdings, "ticker,shares,price,value\nOil,10,3,30\nFood,5,2,\n", {"assets": ASSETS}, "no value for what is held"),
+    "currencies that cancel": (
+        read_holdings, "asset,value\nOil,60\nFood,40\nUSD,100\nEUR,-100\n", {"assets": ASSETS}, "67% of the value is left out"),
+    "a column beside a list of holdings": (
+        read_holdings, "ticker,name,value\nOil,Big Oil,1\n", {"assets": ASSETS}, "unknown columns 'name'"),
     "percentages as returns": (read_returns, "date,A\n2020-01-31,2.5\n2020-02-29,-3\n", {}, "percentages"),
     "dates that go back": (read_returns, "date,A\n2020-02-29,0.1\n2020-01-31,0.1\n", {}, "2020-01-31"),
     "a text in the numbers": (read_returns, "date,A\n2020-01-31,n.m.\n", {}, "expected a number"),

@@ -153,3 +153,19 @@ def test_refusals() -> None:
         sharpe_difference([0.1, 0.2], [0.2, 0.1], rng=rng, level=1.0)
     with pytest.raises(InputError, match="at least 2"):
         frequency_of(pd.DatetimeIndex(["2020-01-31"]))
+
+
+def test_weights_that_sum_to_nothing_drift_with_wealth() -> None:
+    weights, returns = np.tile([0.5, -0.5], (3, 1)), np.tile([0.1, 0.05], (3, 1))
+    found = track_portfolios(weights, returns, Frequency(12.0, "month"), cost=0.001)
+    drifted = [0.5 * 1.1 / 1.025, -0.5 * 1.05 / 1.025]
+    traded = abs(0.5 - drifted[0]) + abs(-0.5 - drifted[1])
+    np.testing.assert_allclose(found.traded, [0.0, traded, traded])
+    np.testing.assert_allclose(found.net, [0.025, *[1.025 * (1.0 - 0.001 * traded) - 1.0] * 2])
+
+
+def test_excess_returns_that_vary_by_rounding_have_no_sharpe_ratio() -> None:
+    riskless = np.array([0.01, 0.02, 0.03, 0.04])
+    returns = np.column_stack([0.005 + riskless, riskless])
+    found = track_portfolios(np.tile([1.0, 0.0], (4, 1)), returns, Frequency(12.0, "month"), riskless=riskless)
+    assert math.isnan(found.sharpe_ratio())

@@ -23,8 +23,12 @@ _NUMBER = re.compile(
 _MISSING = {"", "-", "na", "nan", "n/a", "#n/a", "null", "none", "<na>", "nat"}
 _INFINITE = re.compile(r"[+-]?inf(?:inity)?", re.IGNORECASE)
 _SHOWN = 60
-_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d{1,6})?", re.ASCII)
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}", re.ASCII)
+_BEFORE, _BEHIND = r"[(+$\u2212-]*", r"\s*[)%]*"  # of an amount
+_COMMA = re.compile(rf"{_BEFORE}\d*,\d+(?:[eE][+-]?\d{{1,6}})?{_BEHIND}", re.ASCII)
+_POINT = re.compile(rf"{_BEFORE}(?:\d*\.\d+|\d+\.)(?:[eE][+-]?\d{{1,6}})?{_BEHIND}", re.ASCII)
+_THOUSANDS = re.compile(rf"{_BEFORE}[1-9]\d{{0,2}}[,.]\d{{3}}{_BEHIND}", re.ASCII)
+_BELOW_THOUSAND = re.compile(rf"{_BEFORE}[1-9]\d{{0,2}}{_BEHIND}", re.ASCII)
+_QUOTED, _STATED = re.compile(r'"[^"]*"'), re.compile(r"sep=(.)", re.IGNORECASE)
 
 
 FORMULA = re.compile("'*[=+@-]")
@@ -54,11 +58,11 @@ def read_text_table(path: str | os.PathLike[str]) -> TextTable:
     """Read a file with one header line and at least one row, every row as long as the header.
 
     Cells are separated by commas; where the header has none, by semicolons, tabs or bars, and numbers may then have decimal
-    commas, all of them or none.
+    commas, all of them or none. A first line such as sep=; states the separator.
     """
     source = Path(path)
     text = _text_of(source)
-    separator = _separator(text)
+    stated, separator = _separator(text)
     reader = csv.reader(StringIO(text, newline=""), strict=True, delimiter=separator)
     records: list[tuple[int, tuple[str, ...]]] = []
     start = 1
@@ -69,6 +73,7 @@ def read_text_table(path: str | os.PathLike[str]) -> TextTable:
             start = reader.line_num + 1
     except csv.Error as error:
         raise InputError(f"{source}, line {start}: not readable as CSV ({error}); check the quotes") from None
+    records = records[stated:]
     if not records:
         raise InputError(f"{source} is empty; expected a header line and rows of numbers")
     (_, header), body = records[0], records[1:]
@@ -82,19 +87,28 @@ def read_text_table(path: str | os.PathLike[str]) -> TextTable:
     return table if separator == "," else _with_points(table)
 
 
-def _separator(text: str) -> str:
-    """Return the separator of cells: a comma, or the one in a header without commas."""
+def _separator(text: str) -> tuple[bool, str]:
+    """Return whether the first line states the separator of cells, and the separator: the one stated, a comma, or the one in a
+    header without commas outside quotes."""
     header = next(line for line in text.splitlines() if line.strip())
-    return "," if "," in header else next((each for each in ";\t|" if each in header), ",")
+    stated = _STATED.fullmatch(header.strip(" "))
+    if stated:
+        return True, stated[1]
+    bare = _QUOTED.sub("", header)
+    return False, "," if "," in bare else next((each for each in ";\t|" if each in bare), ",")
 
 
 def _with_points(table: TextTable) -> TextTable:
-    """Return a table with decimal points instead of decimal commas, which must be in all numbers or in none."""
+    """Return a table with decimal points instead of decimal commas, which must be in all numbers or in none.
+
+    Numbers that may be grouped in thousands, by commas or by points, are refused.
+    """
     places = [(row, column) for row, cells in enumerate(table.rows) for column in range(len(cells))]
     commas = [(row, column) for row, column in places if _COMMA.fullmatch(table.rows[row][column])]
+    points = [(row, column) for row, column in places if _POINT.fullmatch(table.rows[row][column])]
     if not commas:
+        _check_grouped(table, points)
         return table
-    points = [(r, c) for r, c in places if "." in table.rows[r][c] and is_number(table.rows[r][c])]
     if points:
         (row, column), (line, other) = commas[0], points[0]
         raise InputError(
@@ -111,6 +125,19 @@ def _with_points(table: TextTable) -> TextTable:
     for row, column in commas:
         rows[row][column] = rows[row][column].replace(",", ".")
     return TextTable(table.path, table.header, table.lines, tuple(map(tuple, rows)))
+
+
+def _check_grouped(table: TextTable, points: Sequence[tuple[int, int]]) -> None:
+    """Raise `InputError` where each number with a point may be one of thousands, and one below a thousand stands beside it."""
+    if not all(_THOUSANDS.fullmatch(table.rows[row][column]) for row, column in points):
+        return
+    for row, column in points:
+        beside = table.rows[row] if len(table.rows) == 1 else [cells[column] for cells in table.rows]
+        if any(_BELOW_THOUSAND.fullmatch(cell) for cell in beside):
+            raise InputError(
+                f"{table.place(row, column)}: {shown(table.rows[row][column])} may have a decimal point or one of thousands; "
+                "write numbers without points of thousands, or all with the same decimals"
+            )
 
 
 def _unescaped(cell: str) -> str:

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from itertools import pairwise
+from typing import Any
 
 import pandas as pd
 
@@ -21,6 +22,7 @@ _COMPACT = re.compile(r"(\d{4})(\d{2})(\d{2})?", re.ASCII)
 _WITH_TIME = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}(?::\d{2}(?:\.\d+)?)?(?:Z|[+-]\d{2}:?\d{2})?", re.ASCII)
 _YEAR_LAST = re.compile(r"(\d{1,2})([-./])(\d{1,2})\2(\d{4})", re.ASCII)
 _LOGGER = logging.getLogger(__name__.rpartition(".")[0])
+_TOTALS = {"total", "totals", "grand total", "subtotal", "sum", "mean", "average", "avg"}
 _YEARS = range(1700, 2200)  # inside the years that pandas holds to the nanosecond
 
 
@@ -49,22 +51,28 @@ def _warn_of_gaps(table: TextTable, days: Sequence[datetime]) -> None:
 
 def label_index(table: TextTable) -> pd.Index:
     """Return the first column as dates if all cells are dates, else as text; labels must be nonblank and distinct."""
-    seen: dict[str, int] = {}
-    for row, cells in enumerate(table.rows):
-        label = cells[0]
-        if not label:
-            raise InputError(f"{table.place(row, 0)}: missing (empty cell), expected a date or a label of the row")
+    labels: Sequence[Any] = row_labels(table)
+    seen: dict[Any, int] = {}
+    for row, label in enumerate(labels):
         if label in seen:
             raise InputError(
-                f"{table.place(row, 0)}: label {shown(label)} is duplicated (also on line {seen[label]}), "
+                f"{table.place(row, 0)}: label {shown(table.rows[row][0])} is duplicated (also on line {seen[label]}), "
                 "expected each once"
             )
         seen[label] = table.lines[row]
-    days = _reading(table, increasing=False)
     name = table.header[0] or None
-    return (
-        pd.Index([cells[0] for cells in table.rows], name=name) if days is None else pd.DatetimeIndex(days, name=name)
-    )
+    return pd.Index(labels, name=name) if isinstance(labels[0], str) else pd.DatetimeIndex(list(labels), name=name)
+
+
+def row_labels(table: TextTable) -> Sequence[datetime] | Sequence[str]:
+    """Return the cells of the first column as dates if all are dates, else as text; labels of totals are refused."""
+    cells = [row[0] for row in table.rows]
+    for row, label in enumerate(cells):
+        if not label:
+            raise InputError(f"{table.place(row, 0)}: missing (empty cell), expected a date or a label of the row")
+        if label.casefold().rstrip(":") in _TOTALS:
+            raise InputError(f"{table.place(row, 0)}: {shown(label)} is no row of its own: delete the line")
+    return _reading(table, increasing=False) or cells
 
 
 def is_date(text: str) -> bool:

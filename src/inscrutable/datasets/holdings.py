@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from inscrutable import tolerances
 from inscrutable.datasets._cells import TextTable, is_missing, read_text_table, shown
-from inscrutable.datasets._dates import label_index
+from inscrutable.datasets._dates import label_index, row_labels
 from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, WeightsTable
 from inscrutable.errors import InputError
 from inscrutable.labels import label_text
@@ -26,7 +26,7 @@ _TICKERS, _VALUES = ("ticker", "symbol", "asset"), ("value", "market value", "do
 _SHARES, _PRICES = ("shares", "quantity", "units"), ("price", "close")
 _LONG = {*_TICKERS, *_VALUES, *_SHARES, *_PRICES, "date"}
 _AMOUNT = re.compile(
-    r"(?P<minus>-?)\$?(?P<number>\d{1,3}(?:,\d{3})+(?:\.\d*)?|\d+\.?\d*|\.\d+)(?P<percent>\s*%?)", re.ASCII
+    r"(?P<minus>-?)\$?(?P<number>[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?|\d+\.?\d*|\.\d+)(?P<percent>\s*%?)", re.ASCII
 )
 _NEAR = 0.6
 _MOST_LEFT_OUT = 0.5
@@ -53,6 +53,7 @@ def read_holdings(
             its name is none of the assets. Long: the columns ticker (symbol, asset) and value (market value, dollars, weight,
             percent), or shares (quantity, units) and price (close); a column date makes several portfolios, and several rows
             of one asset are added. Amounts may have a dollar sign, thousands separators or a per cent sign; a blank is 0.
+            Of values, shares and prices together the values count; other columns and rows of totals are refused.
         assets: (U,) labels of the model's assets. Assets missing in the file have weight 0.
         names: Labels in the file → labels of the model; "" leaves one out. Other labels match whatever their case.
 
@@ -80,7 +81,7 @@ def read_holdings(
     table = read_text_table(path)
     header = [name.lower() for name in table.header]
     known = _Names(table, list(map(str, assets)), dict(names or {}))
-    is_long = any(name in _TICKERS for name in header) and set(header) <= _LONG
+    is_long = any(name in _TICKERS for name in header) and any(name in (*_VALUES, *_SHARES) for name in header)
     values, halves, cash, index = _long(table, header, known) if is_long else _wide(table, known)
     found = _as_weights(table, known, values, halves, cash, index)
     return found if is_long else replace(found, missing=known.absent)
@@ -149,7 +150,7 @@ def _wide(
         _same_unit(table, row, cells, kinds)
         for place, cell in zip(places, cells, strict=True):
             if place is None:
-                cash[row] += cell.value
+                cash[row] += abs(cell.value)
             else:
                 values[row, place], halves[row, place] = cell.value, half if cell.half_unit else 0.0
     index = label_index(table) if first else pd.RangeIndex(len(table.rows), name="row")
@@ -179,6 +180,12 @@ def _long(
         raise InputError(
             f"{table.path}, line 1: expected a column of values, or columns of shares and prices; shares alone say nothing"
         )
+    others = [table.header[place] for place, name in enumerate(header) if name not in _LONG]
+    if others:
+        raise InputError(
+            f"{table.path}, line 1: unknown columns {', '.join(map(repr, others))}; a list of holdings has date, ticker, "
+            "and value or shares and price: leave the others out"
+        )
     if "date" in header[1:]:
         raise InputError(f"{table.path}, line 1: the column date must come first")
     index, where = _portfolios(table) if header[0] == "date" else (pd.RangeIndex(1, name="row"), [0] * len(table.rows))
@@ -194,13 +201,15 @@ def _long(
         count, half = 1.0, held if amount.half_unit else 0.0
         if value is not None:
             _same_unit(table, row, [amount], kinds)
+            if is_missing(table.rows[row][value]) and shares is not None and _cell(table, row, shares).value:
+                raise InputError(f"{table.place(row, value)}: no value for what is held")
         else:
             assert shares is not None
             count, half = _cell(table, row, shares).value, amount.half_unit  # prices of unlike sizes have unlike digits
             if place is not None and count and not amount.value > 0:
                 raise InputError(f"{table.place(row, column)}: no price above 0 for what is held")
         if place is None:
-            cash[where[row]] += count * amount.value
+            cash[where[row]] += abs(count * amount.value)
         else:
             values[where[row], place] += count * amount.value
             halves[where[row], place] += abs(count) * half
@@ -209,13 +218,13 @@ def _long(
 
 def _portfolios(table: TextTable) -> tuple[pd.Index, list[int]]:
     """Return the distinct dates of the first column, in order, and each row's index into them."""
-    first: dict[str, int] = {}
-    for row, cells in enumerate(table.rows):
-        first.setdefault(cells[0], row)
-    places = {text: place for place, text in enumerate(first)}
+    labels, first = row_labels(table), dict[object, int]()
+    for row, label in enumerate(labels):
+        first.setdefault(label, row)
+    places = {label: place for place, label in enumerate(first)}
     lines, rows = tuple(table.lines[row] for row in first.values()), tuple(table.rows[row] for row in first.values())
     found = label_index(TextTable(table.path, table.header, lines, rows))
-    return found, [places[cells[0]] for cells in table.rows]
+    return found, [places[label] for label in labels]
 
 
 def _cell(table: TextTable, row: int, column: int) -> _Cell:
@@ -229,6 +238,8 @@ def _cell(table: TextTable, row: int, column: int) -> _Cell:
             f"{table.place(row, column)}: found {shown(text)}, expected an amount such as 1,234.50, $1000 or 12.5%, "
             "without other signs of currency"
         )
+    if "," in found["number"] and found["percent"].strip():
+        raise InputError(f"{table.place(row, column)}: {shown(text)} may have a decimal comma or one of thousands")
     number = found["number"].replace(",", "")
     digits = len(number.partition(".")[2])
     value = float(number) * (-1.0 if found["minus"] else 1.0)
@@ -262,7 +273,7 @@ def _as_weights(
             f"{table.path}, portfolio {label_text(index[row])}: the model's assets add up to {sums[row]:g}, expected more "
             f"than 0{absent}"
         )
-    out = np.abs(cash) / (np.abs(cash) + np.abs(values).sum(axis=1))
+    out = cash / (cash + np.abs(values).sum(axis=1))
     if out.max(initial=0.0) >= _MOST_LEFT_OUT:
         row = int(out.argmax())
         raise InputError(

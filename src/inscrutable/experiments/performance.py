@@ -159,16 +159,19 @@ def track_portfolios(
         raise InputError(f"riskless has {base.size} entries, expected one per row: {len(held)}")
     gross = (held * moves).sum(axis=1)
     grown = held * (1.0 + moves)
-    wealth = grown.sum(axis=1, keepdims=True)
+    wealth = 1.0 + gross[:, None]
     # After a total loss there is no wealth to drift or trade.
     drifted = np.divide(grown, wealth, out=held.copy(), where=wealth > 0)
     traded = np.concatenate([[0.0], np.abs(held[1:] - drifted[:-1]).sum(axis=1)])
     return Performance(gross, (1.0 + gross) * (1.0 - rate * traded) - 1.0, traded, base, frequency)
 
 
+_ROUNDINGS = 8.0  # of a return, 1 + r, by which excess returns differ that do not vary
+
+
 def sharpe_ratio(excess: Array) -> float:
-    """Return mean over sample standard deviation of excess returns (T,), per row; NaN where they do not vary."""
-    if np.ptp(excess) == 0:
+    """Return mean over sample standard deviation of excess returns (T,), per row; NaN where they vary by rounding alone."""
+    if np.ptp(excess) <= _ROUNDINGS * np.finfo(np.float64).eps:
         return float("nan")
     return float(np.mean(excess) / np.std(excess, ddof=1))
 

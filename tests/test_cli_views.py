@@ -151,3 +151,10 @@ def test_percentages_are_remarked_on(folder: Path, capsys: pytest.CaptureFixture
     pd.DataFrame([[50, 30, 20.0], [0.6, 0.4, 0.0]], ["May", "June"], ASSETS).to_csv(folder / "weights.csv")
     assert main(asked(folder, "--risk-aversion", "2")) == 0
     assert "The weights of May add up to 100 in size" in " ".join(capsys.readouterr().out.split())
+
+
+def test_weights_without_a_column_of_labels_are_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pd.DataFrame([[0.5, 0.3, 0.2]], columns=ASSETS).to_csv(folder / "bare.csv", index=False)
+    assert main(asked(folder, "--risk-aversion", "2", weights="bare.csv")) == 3
+    said = " ".join(capsys.readouterr().err.split())
+    assert f"the first column of the weights is the asset {ASSETS[0]}, expected dates or labels" in said

@@ -16,6 +16,7 @@ from inscrutable import (
     InscrutableError,
     MarkowitzProblem,
     MaximalObfuscation,
+    OriginalDecisionMaker,
     Polyhedron,
     ProbabilisticDecisionMaker,
     consistent_beliefs,
@@ -86,6 +87,11 @@ READ = {
     "a map": (
         read_holdings, "asset,value\n0378,3\nTech,1\nGLD,1\n", {"assets": ASSETS, "names": {"0378": "Oil", "GLD": ""}},
         [[0.75, 0, 0.25]]),
+    "dates with names of months": (read_returns, "date,A\n31-Jan-2020,0.01\n29 February 2020,0.02\n", {}, [[0.01], [0.02]]),
+    "months and years": (read_returns, "date,A\n01/2020,0.01\nFeb 2020,0.02\n", {}, [[0.01], [0.02]]),
+    "long-short weights": (
+        read_weights, "date,Oil,Food,Tech\n2020-01,0.75,-0.25,0\n", {"assets": ASSETS, "net": 0.5}, [[0.75, -0.25, 0]]),
+    "weights of any sum": (read_weights, "Oil,Food,Tech\n0.2,0.1,0\n", {"assets": ASSETS, "net": None}, [[0.2, 0.1, 0]]),
     "a stated separator": (read_returns, "sep=;\ndate;A\n2020-01-31;0,01\n", {}, [[0.01]]),
     "a comma in a quoted name": (read_returns, 'date;"A, Inc";B\n2020-01-31;0,01;0,02\n', {}, [[0.01, 0.02]]),
     "percent with decimal commas": (
@@ -136,6 +142,10 @@ ODD = {
     "a text in the numbers": (read_returns, "date,A\n2020-01-31,n.m.\n", {}, "expected a number"),
     "a blank return": (read_returns, "date,A\n2020-01-31,\n", {}, "missing"),
     "beliefs off the simplex": (read_beliefs, "date;a;b\n2020-01;0,5;0,6\n", {}, "sum to 1.1"),
+    "a month that does not exist": (read_returns, "date,A\n31-Foo-2020,0.01\n", {}, "expected a date"),
+    "a year of two digits": (read_returns, "date,A\n04-Jan-16,0.01\n", {}, "expected a date such as 2020-01-31"),
+    "weights of another sum": (
+        read_weights, "Oil,Food,Tech\n0.5,0.5,0\n", {"assets": ASSETS, "net": 0.5}, "sum to 1, expected 0.5 within"),
     "weights in dollars": (read_weights, "Oil,Food,Tech\n100,50,50\n", {"assets": ASSETS}, "sum to 200"),
     "an unknown ticker": (read_holdings, "asset,value\nOli,1\n", {"assets": ASSETS}, "did you mean 'Oil'"),
     "an unknown column": (read_holdings, "date,Oil,Gold\n2020-01-31,1,1\n", {"assets": ASSETS}, "'Gold' is none of"),
@@ -539,3 +549,20 @@ def test_decisions_of_any_number_of_digits_are_read(fresh_rng):
                 read = consistent_beliefs(problem, hidden.action.round(digits), digits=digits)
                 assert read.distance(belief) <= hidden.privacy + 1e-6
                 assert np.isfinite(read.bounds()).all()
+
+
+@pytest.mark.parametrize("net", [0.5, 0.0])
+def test_weights_have_the_sum_of_the_model(net, tmp_path, capsys):
+    model, weights = tmp_path / "model.toml", tmp_path / "weights.csv"
+    model.write_text(MODEL.replace("{more}", f"[constraints]\nlong_short = 1.5\nnet = {net}"))
+    investor = investor_of(model)
+    assert investor.net == pytest.approx(net, abs=1e-12)
+    best = OriginalDecisionMaker(investor.problem).decide([0.7, 0.3]).action
+    pd.DataFrame([best], ["2020-01-31"], ASSETS).rename_axis("date").to_csv(weights)
+    assert main(["attack", "--model", str(model), "--weights", str(weights)]) == 0
+    assert "0.7" in capsys.readouterr().out
+    pd.DataFrame([best + 0.1], ["2020-01-31"], ASSETS).rename_axis("date").to_csv(weights)
+    assert main(["attack", "--model", str(model), "--weights", str(weights)]) == 3
+    said = capsys.readouterr().err
+    assert f"expected {net:g} within" in said
+    assert "--normalise" not in said

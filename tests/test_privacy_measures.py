@@ -10,16 +10,20 @@ from inscrutable import (
     BeliefSet,
     Budget,
     CounterAdversarialDecisionMaker,
+    DecisionStatus,
     DesiredObfuscation,
     Infeasibility,
     InputError,
     KellyProblem,
+    LocalSearch,
+    MarkowitzProblem,
     MaximalObfuscation,
     NonExistence,
     NonUniqueness,
     PrivacyMeasure,
     consistent_beliefs,
     decoy_grid,
+    long_short,
     plausibility_gap,
 )
 from inscrutable.adversaries import consistent_sets
@@ -244,3 +248,15 @@ def test_a_measure_in_other_units_has_the_same_decision(factor):
             for measure in (MaximalObfuscation(), InOtherUnits(factor))
         )
         assert other.privacy == pytest.approx(factor * found.privacy, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_local_search_plays_no_decision_that_hides_by_rounding(seed):
+    rng = np.random.default_rng(seed)
+    means, factors = rng.normal(size=(2, 3)), rng.normal(size=(2, 3, 3))
+    problem = MarkowitzProblem(means, factors @ factors.swapaxes(1, 2) / 3, 1.0, long_short(3, gross=2.0, net=1.0))
+    search = LocalSearch(n_starts=3, rng=np.random.default_rng(1))
+    belief = rng.dirichlet(np.ones(2))
+    found = CounterAdversarialDecisionMaker(problem, NonExistence(0.1), 0.3, method=search).decide(belief)
+    assert not found.belief_set.is_empty
+    assert found.status is DecisionStatus.NO_PLAUSIBLE_START or found.belief_set.distance(belief) >= 0.1

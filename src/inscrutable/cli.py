@@ -439,8 +439,8 @@ def protect(
     rng = _rng_of(seed)
     investor = investor_of(model, limits.part())
     limit = None if asked is None else budget_in(investor.world, investor.problem, asked)
-    planned = None if weights is None else weights_of(weights, investor.assets, normalise, map_)
-    before = None if previous is None else one_row(weights_of(previous, investor.assets, normalise, map_), previous)
+    planned = None if weights is None else weights_of(weights, investor, normalise, map_)
+    before = None if previous is None else one_row(weights_of(previous, investor, normalise, map_), previous)
     investor = investor.after(before)
     held: Any = single if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
     if means.returns is not None:

@@ -80,12 +80,12 @@ def attack(
     investor = investor_of(model, limits.part())
     if limit is not None:
         limit = budget_in(investor.world, investor.problem, limit)
-    table = weights_of(weights, investor.assets, normalise, map_)
+    table = weights_of(weights, investor, normalise, map_)
     if digits is not None:
         table = replace(table, decimals=digits if digits < FULL_PRECISION_DIGITS else None)
     if beliefs is not None and not isinstance(table.frame.index, pd.DatetimeIndex):
         raise UsageError("--beliefs compares by dates: give weights with a first column of dates")
-    before = None if previous is None else one_row(weights_of(previous, investor.assets, normalise, map_), previous)
+    before = None if previous is None else one_row(weights_of(previous, investor, normalise, map_), previous)
     held = None if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
     folder = None if out is None else writable_folder(out, "attack")
     speech.log(table.summary())

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from inscrutable.datasets import WeightsTable
+    from inscrutable.experiments.investor_model import InvestorModel
     from inscrutable.experiments.own_model import LimitsPart
     from inscrutable.problems import Polyhedron
 
@@ -69,16 +70,18 @@ def share_of(text: str, option: str) -> float:
         raise UsageError(f"{option} {text}: expected a number such as 0.25 or 25%") from None
 
 
-def weights_of(path: Path, assets: tuple[str, ...], normalise: bool, map_: Path | None) -> WeightsTable:
+def weights_of(path: Path, investor: InvestorModel, normalise: bool, map_: Path | None) -> WeightsTable:
     """Return the weights of a file, or with `normalise` holdings in any unit, by the names of a map."""
     from inscrutable.datasets import read_holdings, read_map, read_weights
     from inscrutable.errors import InputError
 
     if normalise:
-        return read_holdings(path, assets=assets, names=None if map_ is None else read_map(map_))
+        return read_holdings(path, assets=investor.assets, names=None if map_ is None else read_map(map_))
     try:
-        return read_weights(path, assets=assets)
+        return read_weights(path, assets=investor.assets, net=investor.net)
     except InputError as error:
+        if investor.net != 1.0:
+            raise
         raise InputError(f"{error}. Holdings in another unit, with cash or other tickers: --normalise") from None
 
 

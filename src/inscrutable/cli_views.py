@@ -195,6 +195,11 @@ def _problem(
     risk: Any
     if covariance is not None:
         given = covariance_of(covariance)
+        if table.index.name in given.columns:
+            raise InputError(
+                f"the first column of the weights is the asset {table.index.name}, expected dates or labels of portfolios "
+                "before it"
+            )
         Axis("asset", tuple(assets)).order(tuple(given.columns), f"{covariance}")
         risk = given.loc[assets, assets]
     else:

@@ -16,13 +16,18 @@ from inscrutable.datasets._cells import TextTable, is_missing, shown
 from inscrutable.datasets.suspicious import missing_steps
 from inscrutable.errors import InputError
 
-_EXPECTED = "expected a date such as 2020-01-31 (or 2020-01, 20200131, 31.01.2020)"
+_EXPECTED = "expected a date such as 2020-01-31 (or 2020-01, 20200131, 31.01.2020, 31-Jan-2020)"
 _DASHED = re.compile(r"(\d{4})([-/])(\d{1,2})(?:\2(\d{1,2}))?", re.ASCII)
 _COMPACT = re.compile(r"(\d{4})(\d{2})(\d{2})?", re.ASCII)
 _WITH_TIME = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}(?::\d{2}(?:\.\d+)?)?(?:Z|[+-]\d{2}:?\d{2})?", re.ASCII)
+_MONTH_YEAR = re.compile(r"(\d{1,2})/(\d{4})", re.ASCII)
+_NAMED = re.compile(r"(?:(\d{1,2})[-/. ])?([A-Za-z]{3,9})[-/. ](\d{4})", re.ASCII)
 _YEAR_LAST = re.compile(r"(\d{1,2})([-./])(\d{1,2})\2(\d{4})", re.ASCII)
 _LOGGER = logging.getLogger(__name__.rpartition(".")[0])
 _TOTALS = {"total", "totals", "grand total", "subtotal", "sum", "mean", "average", "avg"}
+_MONTHS = (
+    "january", "february", "march", "april", "may", "june", "july", "august", "september", "october", "november", "december",
+)  # fmt: skip
 _YEARS = range(1700, 2200)  # inside the years that pandas holds to the nanosecond
 
 
@@ -139,6 +144,18 @@ def _year_first(text: str) -> datetime | None:
     return None
 
 
+def _year_last(text: str) -> datetime | None:
+    """A month and a year, or a month by its English name."""
+    short = _MONTH_YEAR.fullmatch(text)
+    if short:
+        return _day(short[2], short[1], None)
+    named = _NAMED.fullmatch(text)
+    if not named:
+        return None
+    month = next((k for k, name in enumerate(_MONTHS, 1) if name.startswith(named[2].lower())), 0)
+    return _day(named[3], str(month), named[1])
+
+
 def _day_first(text: str) -> datetime | None:
     found = _YEAR_LAST.fullmatch(text)
     return _day(found[4], found[3], found[1]) if found else None
@@ -158,4 +175,4 @@ def _day(year: str, month: str, day: str | None) -> datetime | None:
     return datetime(int(year), int(month), number) if 1 <= number <= last else None
 
 
-_NOTATIONS: tuple[Callable[[str], datetime | None], ...] = (_year_first, _day_first, _month_first)
+_NOTATIONS: tuple[Callable[[str], datetime | None], ...] = (_year_first, _year_last, _day_first, _month_first)

@@ -114,8 +114,9 @@ def read_returns(path: PathLike, *, prices: bool = False) -> pd.DataFrame:
 
     Args:
         path: The file. First column: strictly increasing dates as 2020-01-31, 2020-01 (the end of that month),
-            20200131, 31.01.2020, or with slashes where only one order of day and month fits; a time of day is kept and
-            an offset from UTC dropped, so the local day stays. Every other column: one asset, numbers in every row.
+            20200131, 31.01.2020, 31-Jan-2020, 01/2020, or with slashes where only one order of day and month fits; a time
+            of day is kept and an offset from UTC dropped, so the local day stays. Every other column: one asset, numbers in
+            every row.
         prices: False: the numbers are simple returns as fractions, 0.01 for one per cent, not below -1. True: they are
             prices above 0, and r_t = p_t / p_{t-1} - 1 is returned; the first date drops out.
 
@@ -238,7 +239,7 @@ def read_signals(path: PathLike) -> pd.DataFrame:
     return pd.DataFrame(values, index=date_index(table), columns=table.labels_from(1))
 
 
-def read_weights(path: PathLike, *, assets: Sequence[str]) -> WeightsTable:
+def read_weights(path: PathLike, *, assets: Sequence[str], net: float | None = 1.0) -> WeightsTable:
     """Read published portfolio weights, one row per portfolio, aligned to a model's assets by label.
 
     Args:
@@ -246,6 +247,7 @@ def read_weights(path: PathLike, *, assets: Sequence[str]) -> WeightsTable:
             if its name is not one of `assets` (dates are parsed if the whole column reads as dates, otherwise it is
             kept as text); if it is an asset, rows are numbered from 0.
         assets: (U,) labels of the model's assets.
+        net: What the weights of a row sum to; None: anything.
 
     Returns:
         `frame` (T,U) with the weights as written, in the order of `assets`: rows are not rescaled, because the inference uses
@@ -253,7 +255,7 @@ def read_weights(path: PathLike, *, assets: Sequence[str]) -> WeightsTable:
 
     Raises:
         InputError: With file, line and column: everything `read_returns` raises about files and cells, labels that are
-            blank or duplicated, assets that are missing or unknown (all listed), and rows that miss the sum 1 by more
+            blank or duplicated, assets that are missing or unknown (all listed), and rows that miss the sum `net` by more
             than `tolerances.PUBLISHED_SUM`.
 
     Cost: O(T U).
@@ -279,7 +281,8 @@ def read_weights(path: PathLike, *, assets: Sequence[str]) -> WeightsTable:
     # Rounding moves each weight by at most half a unit of its last digit.
     rounding = len(wanted) * 0.5 * 10.0**-digits if digits > 0 else 0.0
     allowed = max(tolerances.PUBLISHED_SUM, min(rounding, tolerances.COARSEST_SUM))
-    _check_sums(table, values, allowed, "weights")
+    if net is not None:
+        _check_sums(table, values, allowed, "weights", net)
     return WeightsTable(
         frame=pd.DataFrame(values, index=index, columns=pd.Index(wanted)),
         decimals=digits if digits < FULL_PRECISION_DIGITS else None,
@@ -449,14 +452,14 @@ def _first(table: TextTable, where: NDArray[np.bool_], values: NDArray[np.float6
     return f"{table.place(row, column + 1)}: {values[row, column]:g}"
 
 
-def _check_sums(table: TextTable, values: NDArray[np.float64], tolerance: float, noun: str) -> None:
+def _check_sums(table: TextTable, values: NDArray[np.float64], tolerance: float, noun: str, whole: float = 1.0) -> None:
     # a sum exactly at the tolerance, 1.005, must not fail for its last bit
     sums = values.sum(axis=1)
-    for row in np.flatnonzero(np.abs(sums - 1.0) > tolerance + tolerances.BELIEF_SUM):
+    for row in np.flatnonzero(np.abs(sums - whole) > tolerance + tolerances.BELIEF_SUM):
         hint = ""
-        if abs(sums[row] / 100.0 - 1.0) <= tolerance:
+        if whole and abs(sums[row] / 100.0 - whole) <= tolerance:
             hint = "; these look like percentages, divide them by 100"
         raise InputError(
             f"{table.path}, line {table.lines[row]}: {noun} sum to {sums[row]:.10g}, "
-            f"expected 1 within {tolerance:g}{hint}"
+            f"expected {whole:g} within {tolerance:g}{hint}"
         )

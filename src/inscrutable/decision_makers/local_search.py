@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 
 from inscrutable import validation
 from inscrutable.decision_makers.candidate_sources import random_actions
-from inscrutable.decision_makers.search.goal import Goal
+from inscrutable.decision_makers.search.goal import Goal, Judgement
 from inscrutable.geometry.crossings import first_met
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
@@ -80,9 +80,17 @@ class _Watched:
         self.best_key = (-np.inf, -np.inf)
         self.worst = 0.0
 
+    def judged(self, actions: Array) -> Judgement:
+        """Judge trials (n,U): explained ones alone, unless decisions that no belief explains are sought.
+
+        Beside the optimal decision most are explained by no belief: such a one would hide nothing from an observer who allows
+        for rounding.
+        """
+        return self.goal.judged(actions, explained=not self.goal.measure.searches_actions)
+
     def losses(self, actions: Array) -> tuple[list[float], float]:
         """Minus the privacies of trials (n,U), and the first one's excess; remembers the best admissible affordable one."""
-        found = self.goal.judged(actions)
+        found = self.judged(actions)
         excess = [regret - self.goal.limit for regret in found.regrets.tolist()]
         losses = (-found.privacies).tolist()
         for index, playable in enumerate(found.admissible.tolist()):
@@ -147,7 +155,7 @@ def _affordable_start(watched: _Watched, rng: np.random.Generator) -> Array | No
         reach = watched.goal.along_steps(watched.optimal, away[part], _ACCURACY)
         affordable = np.floor(reach / _STEP) * _STEP * shares[part]
         starts = watched.optimal + affordable[:, None] * away[part]
-        explained = np.flatnonzero(watched.goal.judged(starts).privacies > -np.inf)
+        explained = np.flatnonzero(watched.judged(starts).privacies > -np.inf)
         if explained.size:
             start = np.asarray(starts[explained[0]])
             watched.losses(start[None])
@@ -160,7 +168,7 @@ def _cheaper(watched: _Watched, reached: Array) -> Array:
     way = reached - watched.optimal
 
     def meets(share: float) -> bool:
-        found = watched.goal.judged((watched.optimal + share * way)[None])
+        found = watched.judged((watched.optimal + share * way)[None])
         return bool(found.privacies[0] == 0.0 and found.admissible[0])
 
     return np.asarray(watched.optimal + first_met(meets) * way)

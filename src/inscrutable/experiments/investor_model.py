@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inscrutable import validation
+from inscrutable import tolerances, validation
 from inscrutable.axes import Axis
 from inscrutable.budgets import Budget
 from inscrutable.datasets import write_json
@@ -98,6 +98,14 @@ class InvestorModel:
             raise InputError(f"budget must be a Budget such as Budget.relative(0.1), got {self.budget!r}")
         if self.turnover is not None:
             object.__setattr__(self, "turnover", validation.non_negative(self.turnover, "turnover"))
+
+    @property
+    def net(self) -> float | None:
+        """What the weights of every portfolio sum to; None where the feasible set does not fix it."""
+        region = self.problem.constraints
+        share = np.linalg.lstsq(region.A_eq.T, np.ones(len(self.assets)), rcond=None)[0]
+        fixed = np.allclose(share @ region.A_eq, 1.0, rtol=0.0, atol=tolerances.FEASIBILITY)
+        return float(share @ region.b_eq) if fixed else None
 
     def problem_after(self, previous: ArrayLike | None) -> MarkowitzProblem:
         """Return the problem where `previous` were the last published weights, (U,) or labelled; None where there were none."""

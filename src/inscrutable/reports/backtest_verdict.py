@@ -427,4 +427,6 @@ def _change(figures: Mapping[str, float]) -> str:
 
 
 def _share(value: float) -> str:
-    return "no share (no weights that a belief explains)" if np.isnan(value) else f"{value:.0%}"
+    if np.isnan(value):
+        return "no share (no weights that a belief explains)"
+    return f"{value:.1%}" if 0.0 < value < 1.0 and f"{value:.0%}" in ("0%", "100%") else f"{value:.0%}"

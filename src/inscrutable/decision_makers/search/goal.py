@@ -97,15 +97,21 @@ class Goal(Allowance):
         assert reference is not None, "only measures that follow a distance are searched on rays"
         return reference
 
-    def judged(self, actions: Array) -> Judgement:
-        """Return the judgement of decisions (n,U), each by itself; one that is not finite is not admissible."""
+    def judged(self, actions: Array, *, explained: bool = False) -> Judgement:
+        """Return the judgement of decisions (n,U), each by itself; one that is not finite is not admissible.
+
+        With `explained` what no belief explains has the privacy −∞, whatever the measure says of it.
+        """
         problem, measure = self.problem, self.measure
         is_finite = np.asarray(np.isfinite(actions).all(axis=1))
         actions = np.where(is_finite[:, None], actions, 0.0)
         # Finite differences step a little outside the feasible set; where decisions are unexplained that may change Ψ.
         far = tolerances.FEASIBILITY if measure.judges_empty else tolerances.FINITE_DIFFERENCE
         inside = is_finite & (problem.constraints.violation(actions) <= far)
-        privacies = measure.exact_values(self.belief, consistent_sets(problem, actions), inside)
+        sets = consistent_sets(problem, actions)
+        privacies = measure.exact_values(self.belief, sets, inside)
+        if explained:
+            privacies = np.where(sets.dimension < 0, -np.inf, privacies)
         return Judgement(
             np.where(inside, privacies, -np.inf),
             np.where(is_finite, self.regrets(actions), np.inf),

@@ -125,6 +125,8 @@ def test_the_command_compares_and_reads_other_digits(tmp_path: Path, capsys: pyt
     assert cli.main([*command, "--beliefs", str(tmp_path / "beliefs.csv"), "--out", str(out)]) == 0
     assert json.loads((out / "summary.json").read_text())["judged"]["n_rows"] == 6
     assert "Hidden from the naive observer, who takes the weights at face value: " in capsys.readouterr().out
+    assert cli.main([*command, "--beliefs", str(tmp_path / "beliefs.csv"), "--regret", "20bp"]) == 2
+    assert "leave out --regret" in " ".join(capsys.readouterr().err.split())
 
     corner = pd.DataFrame([[0, 0, 0, 0, 1]], columns=list(MODEL.assets))
     corner.to_csv(tmp_path / "weights.csv", index_label="row")

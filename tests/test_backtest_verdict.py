@@ -227,6 +227,12 @@ def test_budgets_and_what_was_spent_are_told(moving: Backtest) -> None:
         assert f"{moving.figures[name]['mean_regret_share']:.1%}" in verdict(moving)[-1]
 
 
+def test_lucky_draws_stand_beside_the_expected_regret(moving: Backtest) -> None:
+    even = shifted(moving, {"mean_regret": 2e-4, "mean_expected_regret": 2e-4})
+    assert "in expectation" not in verdict(even)[-1]
+    assert "1 (probabilistic; 2 in expectation)" in verdict(shifted(even, {}, PDM={"mean_regret": 1e-4}))[-1]
+
+
 @pytest.mark.usefixtures("undrawn")
 def test_a_terminal_shows_the_verdict_below_the_table_and_families_of_files(moving: Backtest, tmp_path: Path) -> None:
     lines = text_of(moving).splitlines()

@@ -317,6 +317,13 @@ def test_who_knows_the_sequential_rule_reads_what_the_sequence_keeps(small, tmp_
     found = attack_over_time(attack_weights(model, published), "sequential", state=copy)
     np.testing.assert_allclose(found.inferred.mean, [step.after for step in steps], atol=1e-9)
     assert found.table()["expected error"].between(0.0, 1.0).all()
+    rounded = attack_over_time(attack_weights(model, published.round(6), decimals=6), "sequential", state=copy)
+    np.testing.assert_allclose(rounded.inferred.mean, found.inferred.mean, atol=1e-9)
+    assert (found.n_off, rounded.n_off) == (0, 0)
+    moved = published.round(6).assign(
+        **{ASSETS[0]: published[ASSETS[0]] + 0.01, ASSETS[1]: published[ASSETS[1]] - 0.01}
+    )
+    assert attack_over_time(attack_weights(model, moved, decimals=6), "sequential", state=copy).n_off == 3
     with pytest.raises(InputError, match="another budget"):
         attack_over_time(found.attack, "sequential", Budget.regret(3e-4), state=copy)
 

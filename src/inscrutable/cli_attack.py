@@ -72,10 +72,7 @@ def attack(
     if (mechanism == "sequential") != (state is not None):
         raise UsageError("--mechanism sequential and --state FILE go together")
     limit = None if budget is None else budget_of(budget, speech)
-    if map_ is not None and not normalise:
-        raise UsageError("--map needs --normalise: it names the holdings of such a file")
-    if digits is not None and normalise:
-        raise UsageError("--digits is for weights as published; of holdings the digits in the file count")
+    _check_together(normalise, map_, digits, None if beliefs is None else regret)
     most = 0.0 if regret is None else _regret_of(regret)
     investor = investor_of(model, limits.part())
     if limit is not None:
@@ -116,6 +113,19 @@ def attack(
     for line in [*table.cautions(), *([] if judged is None else judged.summary().splitlines())]:
         speech.sentence(line)
     speech.files(files)
+
+
+def _check_together(normalise: bool, map_: Path | None, digits: int | None, regret: str | None) -> None:
+    """Refuse flags that do not go together; `regret` is that of a record judged by its beliefs."""
+    if map_ is not None and not normalise:
+        raise UsageError("--map needs --normalise: it names the holdings of such a file")
+    if digits is not None and normalise:
+        raise UsageError("--digits is for weights as published; of holdings the digits in the file count")
+    if regret is not None:
+        raise UsageError(
+            "--beliefs judges what an observer reads who takes the weights for the best ones: leave out --regret, with which "
+            "it allows for others and errs more"
+        )
 
 
 def _regret_of(text: str) -> float:

@@ -16,6 +16,8 @@ from inscrutable.decision_makers.counter_adversarial import best_decisions
 from inscrutable.decision_makers.frontier import privacy_frontier
 from inscrutable.decision_makers.hiding import Case
 from inscrutable.decision_makers.indicator_search import central_members, cheapest_keeping_distance
+from inscrutable.decision_makers.original import decision_for
+from inscrutable.decision_makers.results import DecisionStatus
 from inscrutable.decision_makers.search.goal import Goal
 from inscrutable.geometry.crossings import Bracket, narrowed, side
 from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
@@ -95,16 +97,16 @@ def cheapest_privacy(
     held = validation.one_belief(belief, checked_problem(problem).n_states, names=problem.state_names)
     chosen = checked_measure(measure)
     given = candidates_for(problem, chosen, candidates)
-    optimal = problem.solve_points(held)
-    goal = Goal(problem, held, np.inf, float(problem.expected_cost(held, optimal)), chosen)
-    own = float(goal.judged(optimal[None]).privacies[0])
+    optimal = decision_for(problem, held, problem.solve(held), chosen, DecisionStatus.OPTIMAL)
+    goal = Goal(problem, held, np.inf, optimal.optimal_cost, chosen)
+    own = optimal.privacy
     if privacy is not None:
         least = validation.number_of(privacy, "privacy")
     else:
         least = own + tolerances.NO_PRIVACY if np.isfinite(own) else -np.finfo(float).max
-    best = (0.0, optimal) if own >= least else _Search(goal, given, least).best()
+    best = (0.0, optimal.action) if own >= least else _Search(goal, given, least).best()
     if best is None:
-        return CheapestPrivacy(float("inf"), float("inf"), own, optimal)
+        return CheapestPrivacy(float("inf"), float("inf"), own, optimal.action)
     regret, action = best
     size = abs(goal.optimal_cost)
     reached = float(goal.judged(action[None]).privacies[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries import SequentialAdversary
+from inscrutable.adversaries.rounded import half_unit
 from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.datasets.suspicious import missing_steps
@@ -29,8 +30,9 @@ from inscrutable.experiments.cell_mechanism import N_NEAREST, cell_beliefs, cell
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.protect_sequence import sequence_budget
 from inscrutable.experiments.silence import chain_of
-from inscrutable.mechanisms import Mechanism
+from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.chains import BeliefChain
+from inscrutable.mechanisms.memory import MechanismRule
 from inscrutable.mechanisms.played import PlaysMany
 from inscrutable.validation import Array
 
@@ -48,7 +50,7 @@ class AttackOverTime:
         inferred: The observer's law of the belief after each row, and how each row was read.
         prior_error: √E‖π − E π‖², its error without weights, in the long run of the model.
         n_off: Number of rows that the rule does not play: those farther from its nearest decision than that one's neighbours
-            are; for the sequential rule all that it does not play exactly.
+            are; for the sequential rule all that it does not play, but for rounding.
     """
 
     attack: Attack
@@ -137,11 +139,38 @@ def attack_over_time(
     chain = chain_of(model.world)
     known = _mechanism(model, chain, rule, None if budget is None else as_budget(budget), state)
     if not isinstance(known, Mechanism):  # the sequential rule's chain is its own
-        inferred = SequentialAdversary(chain, known).filter(attack.actions, nearest=1)
-        off = sum(status is not SequenceStatus.USED for status in inferred.statuses)
-        return AttackOverTime(attack, rule, inferred, chain.prior.error, off)
+        watched = _Watched(known)
+        inferred = SequentialAdversary(chain, watched).filter(attack.actions, nearest=1)
+        return AttackOverTime(attack, rule, inferred, chain.prior.error, watched.n_off(attack, inferred.statuses))
     inferred = SequentialAdversary(doubted(chain), known).filter(attack.actions, nearest=N_NEAREST)
     return AttackOverTime(attack, rule, inferred, chain.prior.error, _n_off(known.actions, attack.actions))
+
+
+class _Watched:
+    """A rule, with the decisions that it may play at each step."""
+
+    def __init__(self, rule: MechanismRule) -> None:
+        self._rule, self.beliefs = rule, rule.beliefs
+        self._played: list[Array] = []
+
+    def mechanism_for(self, prior: Prior, before: Any = None) -> Mechanism:
+        """Return the mechanism of the next step."""
+        made = self._rule.mechanism_for(prior, before)
+        self._played.append(np.asarray(made.actions)[np.unique(made.probabilities.nonzero()[1])])
+        return made
+
+    def n_off(self, attack: Attack, statuses: Sequence[SequenceStatus]) -> int:
+        """Return how many rows of weights are none that may be played, but for rounding."""
+        rounding = tolerances.SAME_ACTION if attack.decimals is None else half_unit(attack.decimals)
+        gaps = [np.abs(each - row).max(axis=1).min() for each, row in zip(self._played, attack.actions, strict=True)]
+        return sum(
+            not (status is SequenceStatus.USED or (status is SequenceStatus.NEAREST and gap <= rounding * _ROUNDED))
+            for status, gap in zip(statuses, gaps, strict=True)
+        )
+
+
+_ROUNDED = 2.0
+"""Half units of the last digit by which a row may be off: its rounding, and that of the weights that make up for the sum."""
 
 
 def _n_off(played: Array, seen: Array) -> int:

@@ -260,7 +260,12 @@ def _price(result: Backtest, hiding: Sequence[str], *, worst: bool) -> str:
     """Return the price of every rule; `worst`: with the worst decision, where the answer does not say it."""
     figures = result.figures
     shares = [figures[name]["mean_regret_share"] for name in hiding]
-    who = {name: "; ".join(filter(None, [full_name(name), _worst(result, name) if worst else ""])) for name in hiding}
+    who = {
+        name: "; ".join(
+            filter(None, [full_name(name), _expected(figures[name]), _worst(result, name) if worst else ""])
+        )
+        for name in hiding
+    }
     points = [f"{_basis_points(figures[name]['mean_regret'])} ({who[name]})" for name in hiding]
     word = result.market.frequency.word
     price = f"Price: a regret of {listed(points)} basis points a {word} by the investor's own belief"
@@ -269,6 +274,16 @@ def _price(result: Backtest, hiding: Sequence[str], *, worst: bool) -> str:
     optimal = np.abs(result.episode.records[result.names[0]].decisions.optimal_cost).mean()
     parts = listed([f"{share:.1%}" for share in shares])
     return f"{price}, {parts} of |c*|, the size of the optimal cost, {_basis_points(optimal)} basis points a {word} on average."
+
+
+_LUCK = 0.1
+"""Share of the expected regret by which that of the decisions drawn may differ before both are stated."""
+
+
+def _expected(figures: Mapping[str, float]) -> str:
+    """Return the expected regret of a rule whose draws happened to cost much more or less; else nothing."""
+    mean, drawn = figures["mean_expected_regret"], figures["mean_regret"]
+    return f"{_basis_points(mean)} in expectation" if abs(drawn - mean) > _LUCK * mean else ""
 
 
 def _basis_points(value: float) -> str:

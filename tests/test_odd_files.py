@@ -524,9 +524,13 @@ def test_numbers_without_their_last_zeros_have_the_digits_of_the_others(tmp_path
     file.write_text("date,Oil,Food,Tech\n2020-01,0.2211,0.6121,0.1668\n2020-02,0.2,0.6463,0.1537\n")
     short = read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals
     file.write_text(file.read_text().replace("0.2,", "0.2000,"))
-    assert short == read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals == 3
+    assert short == read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals == 4
     file.write_text("asset,weight\nOil,0.2211\nFood,0.6\nTech,0.1789\n")
-    assert read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals == 3
+    assert read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals == 4
+    file.write_text("Oil,Food,Tech\n33.3%,33.3%,33.3%\n")  # published percentages, whose sum is off by their rounding
+    found = read_holdings(file, assets=["Oil", "Food", "Tech"])
+    assert found.decimals == 3
+    np.testing.assert_allclose(found.frame, 0.333, rtol=1e-15)
     file.write_text("date,Oil,Food,Tech,Cash\n2020-01,221,612,167,12.345678\n")  # what is left out does not count
     assert read_holdings(file, assets=["Oil", "Food", "Tech"]).decimals == 2
     file.write_text(

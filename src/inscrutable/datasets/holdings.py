@@ -58,9 +58,10 @@ def read_holdings(
         names: Labels in the file → labels of the model; "" leaves one out. Other labels match whatever their case.
 
     Returns:
-        A `WeightsTable`. `decimals` is such that rounding in the file changes a weight by at most half a unit of the last
-        digit; all amounts of the model's assets have the digits of the longest, as spreadsheets drop zeros at the end; prices
-        have their own. `left_out` is the largest share of a row's value outside the model, `others` its labels.
+        A `WeightsTable`. Fractions and percentages whose rows sum to the whole but for their rounding are kept as published.
+        `decimals` is such that rounding in the file changes a weight by at most half a unit of the last digit; all amounts
+        of the model's assets have the digits of the longest, as spreadsheets drop zeros at the end; prices have their own.
+        `left_out` is the largest share of a row's value outside the model, `others` its labels.
 
     Raises:
         InputError: With file, line and column: a cell is not an amount, only some cells have per cent signs, a label is
@@ -280,12 +281,19 @@ def _as_weights(
             f"{table.path}, portfolio {label_text(index[row])}: {out[row]:.0%} of the value is left out "
             f"({', '.join(sorted(set(known.left_out)))}); the rest would say little of the portfolio"
         )
-    # w = v/S: an error of h_j in each v moves w_j by no more than (h_j + w_j Σh)/S.
-    moved = (halves + np.abs(values / sums[:, None]) * halves.sum(axis=1, keepdims=True)) / sums[:, None]
+    whole = _published_whole(sums, halves) if not cash.any() else None
+    if whole is None:
+        # w = v/S: an error of h_j in each v moves w_j by no more than (h_j + w_j Σh)/S.
+        moved = (halves + np.abs(values / sums[:, None]) * halves.sum(axis=1, keepdims=True)) / sums[:, None]
+        weights = values / sums[:, None]
+    else:
+        moved, weights = halves / whole, values / whole
     largest = float(moved.max())
-    digits = FULL_PRECISION_DIGITS if largest <= 0.0 else max(math.floor(-math.log10(2.0 * largest)), 0)
+    digits = (
+        FULL_PRECISION_DIGITS if largest <= 0.0 else max(math.floor(round(-math.log10(2.0 * largest), _ACCURATE)), 0)
+    )
     return WeightsTable(
-        pd.DataFrame(values / sums[:, None], index=index, columns=pd.Index(known.assets)),
+        pd.DataFrame(weights, index=index, columns=pd.Index(known.assets)),
         digits if digits < FULL_PRECISION_DIGITS else None,
         float(out.max(initial=0.0)),
         tuple(sorted(set(known.left_out))),
@@ -293,6 +301,16 @@ def _as_weights(
 
 
 _MOST_GROSS = 100.0
+_ACCURATE = 9  # digits of a logarithm: that of a power of ten has a rounding
+
+
+def _published_whole(sums: NDArray[np.float64], halves: NDArray[np.float64]) -> float | None:
+    """Return 1 or 100 where all rows sum to that but for the rounding of published weights."""
+    for whole in (1.0, 100.0):
+        rounding = np.minimum(halves.sum(axis=1), whole * tolerances.COARSEST_SUM)
+        if (np.abs(sums - whole) <= np.maximum(rounding, tolerances.FEASIBILITY)).all():
+            return whole
+    return None
 
 
 def read_map(path: str | os.PathLike[str]) -> dict[str, str]:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from inscrutable.budgets import Budget
 from inscrutable.errors import InputError, ModelError
+from inscrutable.experiments.attack import attack_weights
+from inscrutable.experiments.attack_over_time import attack_over_time
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.problems import MarkowitzProblem, box, simplex
 from inscrutable.worlds import CategoricalEmission, GaussianEmission, HiddenMarkovModel
@@ -211,3 +215,25 @@ def test_numbers_of_thousands_of_digits_are_bad_data(tmp_path: Path) -> None:
         InvestorModel.load(path)
     with pytest.raises(InputError, match="by its path"):
         InvestorModel.load({})  # type: ignore[arg-type]
+
+
+def test_returns_and_decisions_of_another_step_are_named(tmp_path: Path) -> None:
+    model = replace(investor(), step="month")
+    model.save(tmp_path / "model.json")
+    assert InvestorModel.load(tmp_path / "model.json").step == "month"
+    rng = np.random.default_rng(0)
+
+    def rows(frequency: str) -> pd.DataFrame:
+        dates = pd.date_range("2020-01", periods=12, freq=frequency)
+        return pd.DataFrame(0.01 * rng.normal(size=(12, len(model.assets))), dates, list(model.assets))
+
+    assert model.belief_after(rows("ME")).sum() == pytest.approx(1.0)
+    assert replace(model, step="").belief_after(rows("W")).sum() == pytest.approx(1.0)
+    for frequency, word in (("W", "week"), ("B", "trading day"), ("QE", "quarter")):
+        with pytest.raises(InputError, match=f"returns have one row a {word}, the model one a month"):
+            model.belief_after(rows(frequency))
+    weights = pd.DataFrame(model.problem.solve(rng.dirichlet(np.ones(3), 12)), rows("W").index, list(model.assets))
+    said = attack_over_time(attack_weights(model, weights), "optimal").summary()
+    assert "Caution: rows come once a week, the steps of the model once a month" in said
+    weights.index = rows("ME").index
+    assert "the steps of the model" not in attack_over_time(attack_weights(model, weights), "optimal").summary()

@@ -27,7 +27,7 @@ from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Attack, Reading
 from inscrutable.experiments.backtest_aware import doubted, resolution_for
 from inscrutable.experiments.cell_mechanism import N_NEAREST, cell_beliefs, cell_mechanism
-from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.experiments.investor_model import InvestorModel, step_of
 from inscrutable.experiments.protect_sequence import sequence_budget
 from inscrutable.experiments.silence import chain_of
 from inscrutable.mechanisms import Mechanism, Prior
@@ -86,6 +86,11 @@ class AttackOverTime:
         missing = missing_steps(list(index)) if isinstance(index, pd.DatetimeIndex) else ""
         if missing:
             lines.append(f"Caution: rows follow one another as single steps, but their dates have gaps: {missing}.")
+        word, step = step_of(index), self.attack.model.step
+        if word and step and word != step:
+            lines.append(
+                f"Caution: rows come once a {word}, the steps of the model once a {step}; each row counts as one step."
+            )
         if lost:
             lines.append(
                 f"Caution: {lost} of the {len(found)} rows are explained by no belief of this model, so that this observer's "

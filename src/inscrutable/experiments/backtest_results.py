@@ -20,7 +20,7 @@ from inscrutable.experiments.backtest_public import BesideWeights
 from inscrutable.experiments.backtest_sequential import SequentialPart
 from inscrutable.experiments.episodes import Episode, Record, relative_increase
 from inscrutable.experiments.holding import base_rate, estimate_quality
-from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.experiments.investor_model import InvestorModel, step_of
 from inscrutable.experiments.performance import Performance, SharpeDifference
 from inscrutable.experiments.rivals import is_own
 from inscrutable.mechanisms.disclosures import EXACT
@@ -123,7 +123,9 @@ class Backtest:
         until = self.settings.train_until
         note = "; ".join([f"regimes fitted to {len(self.assets)} assets up to {until}", *self.doubts])
         limit = self.settings.turnover
-        return InvestorModel(world, self.problem, self.assets, self.regimes, self.budget, note, limit)
+        return InvestorModel(
+            world, self.problem, self.assets, self.regimes, self.budget, note, limit, step_of(self.beliefs.index)
+        )
 
     def weights(self, name: str) -> pd.DataFrame:
         """Return the portfolios that a decision maker published, (T,U) by date of decision; for a lottery, its draws."""

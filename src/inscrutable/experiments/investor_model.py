@@ -21,6 +21,7 @@ from inscrutable.axes import Axis
 from inscrutable.budgets import Budget
 from inscrutable.datasets import write_json
 from inscrutable.errors import InputError, InscrutableError
+from inscrutable.experiments.performance import frequency_of
 from inscrutable.files import path_of, read_json
 from inscrutable.filtering import filter_beliefs
 from inscrutable.problems import MarkowitzProblem, Polyhedron, turnover
@@ -54,6 +55,7 @@ class InvestorModel:
         note: One line on the source of the model.
         turnover: Largest sum of purchases and sales relative to the last published weights; None: no limit. `problem` does not
             include it.
+        step: Time between two rows of returns, such as "month"; empty where not known. Returns of another step are refused.
 
     Raises:
         InputError: The numbers or names of regimes or assets disagree, or a label is duplicated.
@@ -77,6 +79,7 @@ class InvestorModel:
     budget: Budget = Budget(0.1)  # noqa: RUF009  # frozen
     note: str = ""
     turnover: float | None = None
+    step: str = ""
 
     def __repr__(self) -> str:
         told = f"; {self.note}" if self.note else ""
@@ -131,8 +134,13 @@ class InvestorModel:
         """Return the filter's belief (X,) about the row after returns (T,U), with one column per asset in any order.
 
         Raises:
-            InputError: Columns are not the assets, or a number is missing.
+            InputError: Columns are not the assets, a number is missing, or dates have another step than the model.
         """
+        word = step_of(returns.index)
+        if self.step and word and word != self.step:
+            raise InputError(
+                f"returns have one row a {word}, the model one a {self.step}: give returns of the model's step"
+            )
         places = Axis("asset", self.assets).order(tuple(returns.columns), "returns")
         rows = returns if places is None else returns.iloc[:, places]
         known = isinstance(self.world.emission, GaussianEmission) and self.world.emission.asset_names is not None
@@ -160,7 +168,10 @@ class InvestorModel:
             "budget": {"amount": self.budget.amount, "is_relative": self.budget.is_relative},
             "world": self.world.to_dict(),
             "problem": problem_data(self.problem),
-        } | ({} if self.turnover is None else {"turnover": self.turnover})
+        } | {
+            **({} if self.turnover is None else {"turnover": self.turnover}),
+            **({"step": self.step} if self.step else {}),
+        }
         write_json(data, path)
         return Path(path)
 
@@ -254,6 +265,20 @@ def _check_names(
         raise InputError(f"the world's sensor has the assets {list(labels)}, the model {list(assets)}")
 
 
+def step_of(index: pd.Index) -> str:
+    """Return the time between dated rows, such as "month"; empty for labels, few rows and other distances."""
+    import pandas as pd
+
+    if not isinstance(index, pd.DatetimeIndex) or len(index) < _FEW_DATES:
+        return ""
+    found = frequency_of(index).word
+    return "" if found == _OTHER else found
+
+
+_FEW_DATES, _OTHER = 4, "period"
+"""Rows from which on the median distance of dates is taken for their step, and the word for a distance without a name."""
+
+
 def checked_model(model: Any) -> InvestorModel:
     """Return an investor model, or raise `InputError`."""
     if not isinstance(model, InvestorModel):
@@ -277,7 +302,8 @@ def _built(source: Path, file: ModelFile) -> InvestorModel:
     with _naming(source, "budget"):
         budget = Budget(file.budget.amount, file.budget.is_relative)
     with _naming(source, "assets and regimes"):
-        return InvestorModel(world, problem, tuple(file.assets), tuple(file.regimes), budget, file.note, file.turnover)
+        names = tuple(file.assets), tuple(file.regimes)
+        return InvestorModel(world, problem, *names, budget, file.note, file.turnover, file.step)
 
 
 @contextmanager

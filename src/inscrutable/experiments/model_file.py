@@ -100,6 +100,7 @@ class ModelFile(Section):
     world: WorldPart
     problem: ProblemPart
     turnover: float | None = None
+    step: str = ""
 
 
 def checked(source: Path, data: dict[str, Any]) -> ModelFile:

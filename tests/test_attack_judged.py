@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -161,3 +162,15 @@ def test_an_asset_without_a_column_is_named(tmp_path: Path, capsys: pytest.Captu
     weights[["A0"]].mul(0.0).to_csv(tmp_path / "weights.csv")
     assert cli.main(["attack", *command]) == 3
     assert "the file does not name A1, A2, A3, A4" in capsys.readouterr().err
+
+
+def test_rows_of_another_rule_are_not_judged_by_this_one() -> None:
+    held, weights = record(12)
+    turned = pd.DataFrame(weights.to_numpy()[:, ::-1], weights.index, weights.columns)
+    attack = attack_weights(MODEL, turned, regret=1.0)
+    over_time = attack_over_time(attack, "cdm")
+    assert over_time.n_off > 6
+    judged = judge_attack(attack, held, over_time)
+    assert judged.observers[1].is_hidden is None
+    assert f"cannot be judged, as {over_time.n_off} of 12 rows are none that this rule plays" in judged.summary()
+    assert judge_attack(attack, held, replace(over_time, n_off=6)).observers[1].is_hidden is not None

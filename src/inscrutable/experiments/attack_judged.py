@@ -25,22 +25,31 @@ class JudgedObserver(NamedTuple):
     """What one observer read of the rows that it could read.
 
     `asked` is the requirement for the beliefs of these rows to count as hidden; None where no row was read, and where the
-    stationary law, which an observer without weights estimates, is not unique.
+    stationary law, which an observer without weights estimates, is not unique. `n_off` rows are none that the rule plays which
+    the observer assumes; where they are the most, it is misled by a wrong rule, not by these weights.
     """
 
     reached: Reached
     asked: Requirement | None
     n_read: int
+    n_off: int = 0
 
     @property
     def is_hidden(self) -> bool | None:
         """Whether the beliefs are hidden from it; None where that is not known, and for a single row."""
-        return None if self.asked is None or self.n_read < 2 else self.asked.is_met(self.reached)
+        if self.asked is None or self.n_read < 2 or 2 * self.n_off > self.n_read:
+            return None
+        return self.asked.is_met(self.reached)
 
     def summary(self) -> str:
         """Return the verdict in one sentence."""
         if self.n_read == 0:
             return f"Hidden from {self.reached.name}: not known, as no belief explains any row."
+        if 2 * self.n_off > self.n_read > 1:
+            return (
+                f"Hidden from {self.reached.name}: cannot be judged, as {self.n_off} of {self.n_read} rows are none that this "
+                f"rule plays (error {self.reached.error:.2f})."
+            )
         if self.is_hidden is None or self.asked is None:
             without = "" if self.asked is None else f"; without weights the error is {self.asked.error_without:.3f}"
             return f"Error of {self.reached.name}: {self.reached.error:.3f}{without}."
@@ -118,7 +127,7 @@ def judge_attack(attack: Attack, beliefs: pd.DataFrame, over_time: AttackOverTim
     world = attack.model.world
     found = [_observer(_NAIVE, world, attack.estimates[read], held[read])]
     if over_time is not None:
-        found.append(_observer(_AWARE, world, over_time.inferred.mean, held))
+        found.append(_observer(_AWARE, world, over_time.inferred.mean, held)._replace(n_off=over_time.n_off))
     return JudgedAttack(tuple(found), len(held))
 
 

@@ -6,6 +6,7 @@ import base64
 import hashlib
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib.resources import files
@@ -109,6 +110,7 @@ def _page(content: PageContent) -> str:
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["as_source"] = _as_source
+    environment.filters["clauses"] = _BETWEEN_CLAUSES.split
     style = _asset("page.css")
     script = "".join(_asset(name) for name in ("charts.js", content.script)) if content.script else ""
     # Texts of this package and HTML-free JSON stay unescaped; the template escapes everything else.
@@ -139,6 +141,9 @@ def _engine() -> tuple[Any, Any]:
 
 def _asset(name: str) -> str:
     return files("inscrutable.reports.page").joinpath("assets", name).read_text("utf-8")
+
+
+_BETWEEN_CLAUSES = re.compile(r"; (?![^(]*\))")  # not within brackets
 
 
 def _as_source(svg: str) -> str:

@@ -120,15 +120,11 @@ def _aligned(hidden: pd.DataFrame, shown: pd.DataFrame, notes: list[str]) -> tup
             f"published has {label_text(shown.index[k])} after {label_text(shown.index[k - 1])}, expected rows in order of time"
         )
     common = shown.index[shown.index.isin(hidden.index)]
-    kinds = {isinstance(each.index, pd.DatetimeIndex) for each in (hidden, shown)}
-    if not len(common) and len(kinds) > 1:
-        raise InputError(
-            "the rows of secrets and published are labelled by dates in one and by other labels in the other"
-        )
     if not len(common):
+        kinds = {isinstance(each.index, pd.DatetimeIndex) for each in (hidden, shown)}
         raise InputError(
             f"no row label of secrets is one of published: {few(map(label_text, hidden.index), 3)} against "
-            f"{few(map(label_text, shown.index), 3)}"
+            f"{few(map(label_text, shown.index), 3)}{'; one of them has dates, the other none' if len(kinds) > 1 else ''}"
         )
     if not ordered and not hidden.index[hidden.index.isin(shown.index)].equals(common):
         raise InputError(

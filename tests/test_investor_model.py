@@ -237,3 +237,7 @@ def test_returns_and_decisions_of_another_step_are_named(tmp_path: Path) -> None
     assert "Caution: rows come once a week, the steps of the model once a month" in said
     weights.index = rows("ME").index
     assert "the steps of the model" not in attack_over_time(attack_weights(model, weights), "optimal").summary()
+
+
+def test_the_sum_of_weights_is_exact_for_any_number_of_assets() -> None:
+    assert {investor(n_assets=size).net for size in range(2, 40)} == {1.0}

@@ -108,7 +108,7 @@ class InvestorModel:
         region = self.problem.constraints
         share = np.linalg.lstsq(region.A_eq.T, np.ones(len(self.assets)), rcond=None)[0]
         fixed = np.allclose(share @ region.A_eq, 1.0, rtol=0.0, atol=tolerances.FEASIBILITY)
-        return float(share @ region.b_eq) if fixed else None
+        return round(float(share @ region.b_eq), _NET_DIGITS) if fixed else None
 
     def problem_after(self, previous: ArrayLike | None) -> MarkowitzProblem:
         """Return the problem where `previous` were the last published weights, (U,) or labelled; None where there were none."""
@@ -263,6 +263,9 @@ def _check_names(
     labels = world.emission.asset_names if isinstance(world.emission, GaussianEmission) else None
     if labels is not None and set(labels) != set(assets):
         raise InputError(f"the world's sensor has the assets {list(labels)}, the model {list(assets)}")
+
+
+_NET_DIGITS = 12  # of the sum: a whole number is one, without the rounding of least squares
 
 
 def step_of(index: pd.Index) -> str:

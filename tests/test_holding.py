@@ -11,10 +11,10 @@ import pytest
 
 from inscrutable import InputError
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
-from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
+from inscrutable.experiments.holding import Reached, Requirement, StateRanking, best_ranking, estimate_quality
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.protect import protect
-from inscrutable.reports.backtest_verdict import limits, verdict
+from inscrutable.reports.backtest_verdict import cautions, limits, verdict
 
 
 @pytest.fixture(scope="module")
@@ -141,3 +141,44 @@ def test_protect_judges_by_the_same_rule(found: Backtest) -> None:
     assert f"CDM (error {error:.2f}, named {named:.0%})" in protection.verdict
     assert f"at least {2 / 3 * without:.2f}" in protection.verdict
     assert f"chance, {chance:.0%}," in protection.verdict
+
+
+def test_the_best_ranking_is_that_of_all_pairs(fresh_rng: np.random.Generator) -> None:
+    for _ in range(60):
+        states, cases = int(fresh_rng.integers(2, 5)), int(fresh_rng.integers(2, 30))
+        beliefs = fresh_rng.dirichlet(np.full(states, 0.5), cases)
+        estimates = fresh_rng.dirichlet(np.ones(states), cases).round(1)  # ties
+        estimates[fresh_rng.random(cases) < 0.2] = np.nan
+        shares = {}
+        for state in range(states):
+            pairs = [
+                np.sign(estimates[a, state] - estimates[b, state]) / 2 + 0.5
+                for a in range(cases)
+                for b in range(cases)
+                if beliefs[a].argmax() == state != beliefs[b].argmax() and np.isfinite(estimates[[a, b]]).all()
+            ]
+            if pairs:
+                shares[state] = float(np.mean(pairs))
+        found = best_ranking(estimates, beliefs)
+        assert (found is None) == (not shares)
+        if found is not None:
+            assert found.share == pytest.approx(max(shares.values()))
+            assert shares[found.state] == pytest.approx(found.share)
+
+
+def test_a_belief_that_is_seldom_named_and_yet_told_is_said_to_be(found: Backtest) -> None:
+    """One regime holds nearly always: naming it cannot fail, and an estimate that rises with the other shows when it does."""
+    assert found.aware is not None
+    calm = np.where(np.arange(len(found.beliefs)) % 10 == 3, 0.2, 0.9)  # calm is likeliest in 9 of 10 months
+    beliefs = found.beliefs.copy()
+    beliefs.iloc[:] = np.column_stack([calm, 1.0 - calm])
+    shrunk = 0.7 + 0.15 * calm
+    followed = dict.fromkeys(found.aware.followed, np.column_stack([shrunk, 1.0 - shrunk]))
+    shown = replace(found, beliefs=beliefs, aware=replace(found.aware, followed=followed))
+    reached = estimate_quality(followed["CDM"], beliefs.to_numpy())
+    figures = {"error_followed": reached.error, "share_regime_named_followed": reached.named, "error_without": 0.3}
+    shown.__dict__["figures"] = with_figures(found, **figures, base_rate=0.9, share_regime_named=1.0).figures
+    told = [each for each in cautions(shown) if "counts as hiding from the aware observer, but its estimate" in each]
+    assert {each.partition(" ")[0] for each in told} == {"CDM", "PDM"}
+    assert all("in 100% of the pairs" in each for each in told)
+    assert not StateRanking(1, 0.7).told(found.regimes, "month")

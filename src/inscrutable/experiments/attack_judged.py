@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -12,7 +13,14 @@ from inscrutable import validation
 from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Attack, Reading
 from inscrutable.experiments.attack_over_time import AttackOverTime
-from inscrutable.experiments.holding import Reached, Requirement, estimate_quality, requirement_of
+from inscrutable.experiments.holding import (
+    Reached,
+    Requirement,
+    StateRanking,
+    best_ranking,
+    estimate_quality,
+    requirement_of,
+)
 from inscrutable.labels import label_text
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
@@ -33,6 +41,7 @@ class JudgedObserver(NamedTuple):
     asked: Requirement | None
     n_read: int
     n_off: int = 0
+    ranking: StateRanking | None = None
 
     @property
     def is_hidden(self) -> bool | None:
@@ -41,8 +50,8 @@ class JudgedObserver(NamedTuple):
             return None
         return self.asked.is_met(self.reached)
 
-    def summary(self) -> str:
-        """Return the verdict in one sentence."""
+    def summary(self, regimes: Sequence[str]) -> str:
+        """Return the verdict in one sentence; a second one where the observer tells a regime from others all the same."""
         if self.n_read == 0:
             return f"Hidden from {self.reached.name}: not known, as no belief explains any row."
         if 2 * self.n_off > self.n_read > 1:
@@ -53,7 +62,9 @@ class JudgedObserver(NamedTuple):
         if self.is_hidden is None or self.asked is None:
             without = "" if self.asked is None else f"; without weights the error is {self.asked.error_without:.3f}"
             return f"Error of {self.reached.name}: {self.reached.error:.3f}{without}."
-        return f"Hidden from {self.reached.name}: {'yes' if self.is_hidden else 'no'} ({self.asked.compare(self.reached)})."
+        verdict = f"Hidden from {self.reached.name}: {'yes' if self.is_hidden else 'no'} ({self.asked.compare(self.reached)})."
+        told = self.ranking.told(regimes, "row") if self.is_hidden and self.ranking else ""
+        return f"{verdict[:-1]}, but {told}" if told else verdict
 
 
 @dataclass(frozen=True)
@@ -63,10 +74,12 @@ class JudgedAttack:
     Args:
         observers: The naive observer and, where its reading was given, the aware one.
         n_rows: Number of rows; the naive observer reads those that a belief explains.
+        regimes: Names of the regimes.
     """
 
     observers: tuple[JudgedObserver, ...]
     n_rows: int
+    regimes: tuple[str, ...]
 
     def figures(self) -> dict[str, Any]:
         """Return everything as plain data."""
@@ -77,6 +90,7 @@ class JudgedAttack:
                     **each.reached._asdict(),
                     "n_read": each.n_read,
                     "is_hidden": each.is_hidden,
+                    "ranked_rightly": None if each.ranking is None else each.ranking.share,
                     "error_without_weights": None if each.asked is None else each.asked.error_without,
                     "named_by_chance": None if each.asked is None else each.asked.chance,
                 }
@@ -94,7 +108,10 @@ class JudgedAttack:
             for each in self.observers
             if each.asked is not None and each.is_hidden is not None
         ]
-        lines = [f"Compared with your own beliefs in {rows}{text}:", *(each.summary() for each in self.observers)]
+        lines = [
+            f"Compared with your own beliefs in {rows}{text}:",
+            *(each.summary(self.regimes) for each in self.observers),
+        ]
         return "\n".join([*lines, *dict.fromkeys(meant)])
 
 
@@ -128,12 +145,13 @@ def judge_attack(attack: Attack, beliefs: pd.DataFrame, over_time: AttackOverTim
     found = [_observer(_NAIVE, world, attack.estimates[read], held[read])]
     if over_time is not None:
         found.append(_observer(_AWARE, world, over_time.inferred.mean, held)._replace(n_off=over_time.n_off))
-    return JudgedAttack(tuple(found), len(held))
+    return JudgedAttack(tuple(found), len(held), attack.model.regimes)
 
 
 def _observer(name: str, world: HiddenMarkovModel, estimates: Array, held: Array) -> JudgedObserver:
     asked = requirement_of(world, held) if len(held) else None
-    return JudgedObserver(Reached(name, *estimate_quality(estimates, held)), asked, len(held))
+    reached = Reached(name, *estimate_quality(estimates, held))
+    return JudgedObserver(reached, asked, len(held), ranking=best_ranking(estimates, held))
 
 
 def _aligned(attack: Attack, beliefs: pd.DataFrame) -> Array:

@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import rankdata
 
 from inscrutable import validation
 from inscrutable.errors import InputError, ModelError
@@ -30,6 +32,11 @@ ERROR_KEPT = 2.0 / 3.0
 
 NAMING_GAINED = 1.0 / 3.0
 """Most naming of the likeliest state, as a share of the range from chance to always."""
+
+RANKED = 5.0 / 6.0
+"""Share of pairs that an observer ranks rightly beyond which it tells a state from others though it may seldom name it: two
+thirds of the way from chance, a half, to always. It is .72 under the sequential rule on the packaged returns and 1 for optimal
+decisions; .92 was met where one regime held in 89 % of the weeks, so that the naming could hardly fail."""
 
 _MOST_LISTED = 3
 _MOST_DIGITS = 8  # digits beyond the usual two, where a figure misses its bound by rounding
@@ -178,6 +185,49 @@ def estimate_quality(estimates: Array, beliefs: Array) -> EstimateQuality:
     tied = top_states(found)
     named = (top_states(held) * tied).sum(axis=1) / tied.sum(axis=1)
     return EstimateQuality(float(np.sqrt(((found - held) ** 2).sum(axis=1).mean())), float(named.mean()))
+
+
+class StateRanking(NamedTuple):
+    """How well estimates tell in which cases a state is the likeliest: the area under the receiver operating characteristic.
+
+    `share` is the share of pairs, one case in which the state is likeliest and one in which it is not, where its estimated
+    probability is larger in the first; equal ones count half.
+    """
+
+    state: int
+    share: float
+
+    def told(self, states: Sequence[str], case: str) -> str:
+        """Return the ranking as a sentence; `case`: the cases, such as "month". Empty where few pairs are ranked rightly."""
+        if self.share <= RANKED:
+            return ""
+        name = states[self.state]
+        return (
+            f"its estimate still tells when {name} is likeliest: in {self.share:.0%} of the pairs of a {case} in which it is "
+            f"and a {case} in which it is not, the first has the larger estimated probability of {name}."
+        )
+
+
+def best_ranking(estimates: Array, beliefs: Array) -> StateRanking | None:
+    """Return the state that estimates (T,X) of beliefs (T,X) rank best; None where no state is likeliest in some cases alone.
+
+    Rows of NaN are left out.
+    """
+    read = ~np.isnan(estimates).any(axis=1)
+    found, likeliest = estimates[read], top_states(beliefs[read]) > 0.0
+    shares = {
+        state: _ranked(found[:, state], is_it)
+        for state, is_it in enumerate(likeliest.T)
+        if 0 < is_it.sum() < len(is_it)
+    }
+    best = max(shares, key=lambda state: shares[state], default=None)
+    return None if best is None else StateRanking(best, shares[best])
+
+
+def _ranked(values: Array, is_it: NDArray[np.bool_]) -> float:
+    """Return the share of pairs with a larger value where `is_it` holds, from the sum of its ranks (Mann and Whitney 1947)."""
+    n, others = is_it.sum(), (~is_it).sum()
+    return float((rankdata(values)[is_it].sum() - n * (n + 1) / 2) / (n * others))
 
 
 def requirement_of(world: HiddenMarkovModel, beliefs: Array) -> Requirement | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest, moves_little
 from inscrutable.experiments.backtest_sequential import SHARE_OF_SILENCE
-from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
+from inscrutable.experiments.holding import Reached, Requirement, best_ranking, estimate_quality
 from inscrutable.experiments.performance import LEVEL
 from inscrutable.labels import listed
 from inscrutable.reports.names import FULL_NAMES, full_name
@@ -356,7 +357,9 @@ def cautions(result: Backtest) -> list[str]:
         ]
     if hiding and _few_others(result) and len(nothing) < len(_SEEN):
         said.append(f"Few {result.market.frequency.word}s tell whether the regime is hidden: {_few_others(result)}.")
-    said += filter(None, [_poor_estimates(result)[1]])
+    said += filter(
+        None, [_poor_estimates(result)[1], *([] if "aware" in nothing else map(partial(_ranked, result), hiding))]
+    )
     for name in filter(lambda each: _informs(result, each), hiding):
         errors = (f"{figures[each]['error_followed']:.2f}" for each in (name, odm))
         said.append(
@@ -371,6 +374,15 @@ def cautions(result: Backtest) -> list[str]:
                 f"{name}: the likeliest regime is hardly hidden: named in {_share(named)} instead of {_share(optimal)}."
             )
     return said
+
+
+def _ranked(result: Backtest, name: str) -> str:
+    """Return a caution where the aware observer tells regimes apart under a rule that counts as hiding; else nothing."""
+    if result.aware is None or not _asked(result).is_met(_SEEN["aware"].reached(name, result.figures[name])):
+        return ""
+    ranking = best_ranking(result.followed_estimates(name).to_numpy(), result.beliefs.to_numpy())
+    told = "" if ranking is None else ranking.told(result.regimes, result.market.frequency.word)
+    return told and f"{name} counts as hiding from the aware observer, but {told}"
 
 
 def _informs(result: Backtest, name: str) -> bool:

@@ -99,6 +99,14 @@ class Explored(NamedTuple):
     tried: Any  # (T,Q,2) regions that were climbed, each with the `_way` into it
 
 
+class Limits(NamedTuple):
+    """Numbers that bound a search."""
+
+    patience: int  # regions whose neighbours bring no gain before it ends
+    climbs: int  # P, climbs of a turn
+    freed: int  # tight rows of a region that are freed, where a decision has a set larger than a point
+
+
 class Turn(NamedTuple):
     """The climbs that come next in the search of one belief, P at most, and memory for them."""
 
@@ -106,7 +114,7 @@ class Turn(NamedTuple):
     region: Any  # (P,)
     start: Any  # (P,) the start of each climb, or NO_START
     source: Any  # (P,) where that is NO_START
-    decoys: Any  # (2+X,X) of the sources
+    decoys: Any  # (2+F,X) of the sources, for F freed rows
     actions: Any  # (2,U) at BEST and FAR; freed rows have the first
     climbs: Climbs
     optima: Optima
@@ -117,9 +125,9 @@ class Turn(NamedTuple):
 
 
 @inlined
-def _turn_room(n_states: int, n_actions: int, n_rows: int, most: int) -> Turn:
-    """Return memory for searches in a problem with turns of at most so many climbs."""
-    size, number = n_actions + 1, np.int64
+def _turn_room(n_states: int, n_actions: int, n_rows: int, limits: Any) -> Turn:
+    """Return memory for searches in a problem."""
+    size, number, most = n_actions + 1, np.int64, limits.climbs
     climbs = Climbs(
         np.empty(most, dtype=number), np.empty((most, n_states)), np.empty((most, n_states)),
         np.empty((most, n_actions)), np.empty(most, dtype=np.bool_),
@@ -131,7 +139,7 @@ def _turn_room(n_states: int, n_actions: int, n_rows: int, most: int) -> Turn:
     )  # fmt: skip
     return Turn(
         np.zeros(1, dtype=number), np.empty(most, dtype=number), np.empty(most, dtype=number),
-        np.empty(most, dtype=number), np.empty((FREED + n_states, n_states)), np.empty((FREED, n_actions)), climbs,
+        np.empty(most, dtype=number), np.empty((FREED + limits.freed, n_states)), np.empty((FREED, n_actions)), climbs,
         optima, np.empty(n_rows), np.empty(n_rows, dtype=number), np.empty((n_rows, n_states)),
         climb_room(n_states, n_actions, n_rows),
     )  # fmt: skip
@@ -252,10 +260,8 @@ def _ask_at_corner(regions: Any, number: int, w: Any, belief: Any, source: int, 
 def _ask_for_freed(regions: Any, number: int, aim: Any, basis: Any, w: Any, t: int, search: Any) -> None:
     """Where the set of a decision is larger than a point: ask for the few tight rows that lead to the best members if freed.
 
-    One row a state: with three 1 of 22 decisions over eight states loses 2 %, and lotteries over six states up to 6 %; with
-    six nothing is gained over three and four states, and a fifth of the time is lost. Where no member has a zero multiplier
-    at this decision, the least multipliers at the farthest belief count instead: other decisions of the region may meet
-    those rows.
+    Where no member has a zero multiplier at this decision, the least multipliers at the farthest belief count instead: other
+    decisions of the region may meet those rows.
     """
     _, turn = search
     n_states, n_observable, far = basis.shape[0], regions.n_observable[number], turn.decoys[FAR]
@@ -267,7 +273,7 @@ def _ask_for_freed(regions: Any, number: int, aim: Any, basis: Any, w: Any, t: i
             put(far, turn.members[r])
             turn.values[r] = -_UNMET - row_value(face.rows[n_states + r], far, w)
     put_descending(turn.values[:n_observable], turn.order)
-    for j in range(min(n_states, n_observable)):
+    for j in range(min(turn.decoys.shape[0] - FREED, n_observable)):
         r = turn.order[j]
         put(turn.members[r], turn.decoys[FREED + j])
         _ask(regions, number, regions.observable[number, r], FREED + j, t, search)
@@ -429,22 +435,17 @@ def _begin_climbs(starts: Any, belief: Any, t: int, search: Any) -> None:
 
 
 @deferred(kernel)
-def search_regions(
-    steps: Any, aims: Any, regions: Any, starts: Any, basis: Any, patience: int, reached: Any, most: int
-) -> None:
-    """Search for beliefs `steps` (n,), each until it has ended or asks for regions that are missing; `most` climbs a turn.
-
-    A search ends after `patience` regions whose neighbours bring no gain.
-    """
+def search_regions(steps: Any, aims: Any, regions: Any, starts: Any, basis: Any, limits: Any, reached: Any) -> None:
+    """Search for beliefs `steps` (n,) within `Limits`, each until it has ended or asks for regions that are missing."""
     # Where tight rows depend on one another, their cone of multipliers may have more facets than there are rows.
     n_rows = max(regions.tight.shape[1], regions.n_set_rows.max())
-    turn = _turn_room(basis.shape[0], regions.bounds[0].size, n_rows, most)
+    turn = _turn_room(basis.shape[0], regions.bounds[0].size, n_rows, limits)
     search = (reached, turn)
     climbs, optima = turn.climbs, turn.optima
     for t in steps:
         aim = aim_of(aims, t)
         while True:
-            _plan(aim, regions, starts, basis, patience, t, search)
+            _plan(aim, regions, starts, basis, limits.patience, t, search)
             count = turn.n_climbs[0]
             if count == 0:
                 break

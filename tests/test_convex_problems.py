@@ -333,3 +333,13 @@ def test_least_absolute_deviations_need_no_word_about_their_kinks():
     solved = problem.solve([[0.8, 0.2], [0.1, 0.9], [0.55, 0.45]])
     np.testing.assert_allclose(solved, [[1, 1], [-1, -1], [1, 1]], atol=1e-6)
     np.testing.assert_allclose(consistent_beliefs(problem, [1.0, 1.0]).bounds(), [[0.5, 1], [0, 0.5]], atol=1e-5)
+
+
+def test_pieces_of_hubers_function_are_not_taken_for_one_quadratic():
+    """CVXPY counts it as quadratic, and each piece is: fitted at the origin, the costs were those of a line."""
+    u = cp.Variable(1)
+    costs = [cp.sum(cp.huber(u - 3, 0.1)), cp.sum(cp.huber(u + 3, 0.1))]
+    problem = ConvexProblem(u, costs, [u >= -5, u <= 5])
+    assert problem.quadratic_form() is None
+    np.testing.assert_allclose(problem.state_costs([2.0]), [0.19, 0.99], atol=1e-12)
+    assert problem.solve([1.0, 0.0])[0] == pytest.approx(3.0, abs=1e-6)

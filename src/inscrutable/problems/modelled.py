@@ -38,8 +38,11 @@ class Modelled:
 
     @property
     def is_quadratic(self) -> bool:
-        """Whether every cost is a quadratic function without pieces."""
-        return all(cost.is_quadratic() and (cost.is_affine() or not cost.is_pwl()) for cost in self._costs)
+        """Whether every cost is a quadratic function without pieces; CVXPY counts Huber's function as quadratic."""
+        return all(
+            cost.is_quadratic() and (cost.is_affine() or not cost.is_pwl()) and self._cvxpy.huber not in cost.atoms()
+            for cost in self._costs
+        )
 
     def values(self, points: Array) -> Array:
         """Return the costs (n,X) of decisions (n,U)."""

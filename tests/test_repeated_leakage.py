@@ -199,3 +199,15 @@ def test_decisions_never_mixed_tell_by_repetition_what_the_first_told() -> None:
     assert found.mutual_information == pytest.approx(np.full(3, -(law * np.log2(law)).sum()), abs=1e-12)
     assert found.bayes_error == pytest.approx(np.full(3, found.limit_error), abs=1e-12)
     assert not found.error_se.any()
+
+
+@pytest.mark.parametrize("rare", [1e-6, 1e-3, 0.1])
+def test_standard_errors_hold_for_a_prior_with_a_rare_belief(rare):
+    """No sequence of it is drawn in most samples, and the controls are then the same for all others."""
+    beliefs, weights = [[0.0, 1.0], [0.5, 0.5], [1.0, 0.0]], [0.66 * (1 - rare), 0.34 * (1 - rare), rare]
+    table = np.array([[0.73, 0.0, 0.0, 0.27], [0.83, 0.0, 0.17, 0.0], [0.19, 0.59, 0.22, 0.0]])
+    played = Mechanism(np.array(beliefs), np.arange(4.0)[:, None], table, np.zeros((3, 4)))
+    exact = oracle.bayes_error(weights, all_sequences(table.tolist(), 2), beliefs)
+    for seed in range(20):
+        found = repeated_leakage(played, Prior(beliefs, weights), 2, rng=np.random.default_rng(seed), n_draws=1000)
+        assert found.bayes_error[0] == pytest.approx(exact, abs=5 * found.error_se[0])

@@ -261,6 +261,12 @@ def _limits(joint: Joint) -> tuple[float, float]:
     return entropy(share), float(np.sqrt(joint.weights @ squared))
 
 
+_DISTINCT = 0.1
+"""Least singular value of scaled controls that is fitted, as a share of the largest. Where a belief of the prior is too rare to
+be drawn the two controls are the same for all draws but for rounding; fitted both, they missed the figures by more than four
+stated standard errors in 98 of 100 samples. With .3 the error of a prior with a share of a tenth has a fifth more spread."""
+
+
 def adjusted_means(values: Array, controls: Array) -> tuple[Array, Array]:
     """Return the means (k,) of sampled values (n,k) and their standard errors, with controls (n,c) whose mean is zero.
 
@@ -270,7 +276,9 @@ def adjusted_means(values: Array, controls: Array) -> tuple[Array, Array]:
     adjusted = np.array(values)
     for own, other in ((slice(0, None, 2), slice(1, None, 2)), (slice(1, None, 2), slice(0, None, 2))):
         centred = controls[other] - controls[other].mean(axis=0)
-        slopes = np.linalg.pinv(centred, rcond=tolerances.RANK) @ (values[other] - values[other].mean(axis=0))
-        adjusted[own] -= controls[own] @ slopes
-    spread = adjusted.std(axis=0, ddof=1)
-    return np.asarray(adjusted.mean(axis=0)), np.asarray(spread / np.sqrt(len(values)))
+        spread = centred.std(axis=0)
+        scale = np.where(spread > tolerances.RANK, spread, np.inf)  # one that is constant but for rounding is left out
+        slopes = np.linalg.pinv(centred / scale, rcond=_DISTINCT) @ (values[other] - values[other].mean(axis=0))
+        adjusted[own] -= controls[own] / scale @ slopes
+    error = adjusted.std(axis=0, ddof=1) / np.sqrt(len(values))
+    return np.asarray(adjusted.mean(axis=0)), np.asarray(error)

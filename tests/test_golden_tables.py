@@ -34,7 +34,8 @@ def test_a_comparison_has_the_figures_it_had() -> None:
     """To 1e-3. Of the PDM's lotteries, which are equally private, others were found since: what else is made of them moves
     by 1.5e-3. The sequential rule is simulated: where a last digit moves a draw, its figures move with its prices. The rule
     of least rate is another one within its gap of 1e-3 bits, and what it leaks in ten draws moves by up to 2.2 %. Of the
-    Stackelberg rules of largest error another is found since, which leaves more at equal spending."""
+    Stackelberg rules of largest error another is found since, which leaves more at equal spending. Where an estimate ties,
+    the chance of naming is shared among the tied states since; the first release took the first of them."""
     settings = ComparisonSettings(budgets=(0.5,), repeats=(1, 10), draws=100)
     study = comparison_study(settings, market="paper", resolution=6, seed=0)
     found, _ = compared(study, None, say=lambda text: None, progress=lambda done, total: None)

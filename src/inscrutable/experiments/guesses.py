@@ -6,7 +6,7 @@ import numpy as np
 
 from inscrutable.adversaries import Adversary
 from inscrutable.adversaries.consistent_sets import consistent_sets
-from inscrutable.mechanisms.joint import Joint
+from inscrutable.mechanisms.joint import Joint, top_states
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -36,9 +36,13 @@ def guess_error(joint: Joint, guesses: Array) -> float:
 
 
 def top_state_share(joint: Joint, guesses: Array) -> float:
-    """Return the probability that estimates `guesses` (M,X) name a most likely state of the belief."""
-    named = guesses.argmax(axis=1)
-    return min(float(joint.mass @ joint.top_states[joint.row, named[joint.column]]), 1.0)
+    """Return the probability that estimates `guesses` (M,X) name a most likely state of the belief.
+
+    Of several states as likely by an estimate one is named at random.
+    """
+    named = top_states(guesses)
+    named /= named.sum(axis=1, keepdims=True)
+    return min(float(joint.mass @ (joint.top_states[joint.row] * named[joint.column]).sum(axis=1)), 1.0)
 
 
 def naive_privacy(problem: DecisionProblem, actions: Array, joint: Joint) -> float:

@@ -333,3 +333,12 @@ def test_a_symbol_that_never_occurs_in_a_state_is_no_obstacle(with_names: bool, 
         assert found.status not in (SensorStatus.INCONSISTENT, SensorStatus.OVERLAPPING)
         if found.status in (SensorStatus.IDENTIFIED, SensorStatus.SCALES_BY_FREQUENCY):
             np.testing.assert_allclose(found.world.transition, transition, atol=1e-3)
+
+
+def test_nothing_is_known_of_a_state_that_no_belief_holds_possible() -> None:
+    share = np.random.default_rng(0).uniform(0.5, 0.9, 30)
+    beliefs = np.column_stack([share, 1.0 - share, 0.0 * share])
+    transition = [[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]]
+    found = estimate_sensor(beliefs, transition, n_symbols=3)
+    np.testing.assert_allclose(found.probabilities[2], 1 / 3)
+    np.testing.assert_allclose(found.intervals[2], np.tile([0.0, 1.0], (3, 1)))

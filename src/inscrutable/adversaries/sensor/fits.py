@@ -134,7 +134,11 @@ def _filled(columns: Array, errors: Array, scales: Scales, n_unseen: int) -> tup
         rest = scales.rest[:, None] / n_unseen
         sensor = np.column_stack([sensor, np.tile(rest, (1, n_unseen))])
         spread = np.column_stack([spread, np.tile(np.maximum(rest, 1.0 / len(rest)), (1, n_unseen))])
-    return sensor / sensor.sum(axis=1, keepdims=True), spread
+    sums = sensor.sum(axis=1, keepdims=True)
+    known = sums[:, 0] > 0.0  # else the state is impossible in all beliefs, and nothing is known of what it shows
+    sensor[known] /= sums[known]
+    sensor[~known], spread[~known] = 1.0 / sensor.shape[1], 1.0
+    return sensor, spread
 
 
 def _status(

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from inscrutable.decision_makers import Frontier, MixedDecision, privacy_frontier
+from inscrutable.decision_makers.candidates import make_candidates
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_results import Backtest
 from inscrutable.experiments.episodes import relative_increase
@@ -210,6 +211,11 @@ def draw_frontier(result: Backtest, folder: Path, step: int) -> list[Path]:
     measure = result.settings.measure.at_step(step)
     problem = result.problem_at("CDM", step)
     candidates = result.candidates if problem is result.problem else None
+    if candidates is not None:  # the decisions played were found by a search: no curve lies below them
+        played = [
+            each.lotteries[step].actions for each in result.episode.records.values() if each.lotteries is not None
+        ]
+        candidates = candidates.joined(make_candidates(problem, np.vstack(played))) if played else candidates
     frontier = privacy_frontier(problem, result.beliefs.to_numpy()[step], measure, candidates=candidates)
     own = abs(frontier.optimal_cost)
     limit = result.budget.limit(frontier.optimal_cost)

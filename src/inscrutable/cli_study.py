@@ -173,6 +173,7 @@ def report(
     """
     from inscrutable.experiments.studies import Study
     from inscrutable.reports.page import write_page
+    from inscrutable.reports.page.study_page import study_verdict
 
     within = _study_within(folder)
     found = Study.load(within or folder)
@@ -184,7 +185,7 @@ def report(
         speech.summary({"name": found.plan.name, "file": path})
         return
     speech.sentence(found.summary())
-    for line in [*found.protection(), *found.cautions()]:
+    for line in study_verdict(found):
         speech.sentence(line)
     if known:
         speech.sentence(f"Its page is {path}, written with the results; --out names a file for another")

@@ -10,6 +10,7 @@ import numpy as np
 
 from inscrutable.experiments.measures import HEADLINES, MEASURES, OF_OBSERVERS
 from inscrutable.experiments.studies import Study
+from inscrutable.experiments.studies.grid import StudyGrid
 from inscrutable.experiments.studies.layout import StudyFile
 from inscrutable.experiments.studies.means import Figure, StudyMeans, means_of, spoken_observer
 from inscrutable.experiments.studies.ranking import SAME_COST, Ranking, protection, ranking, times_the_least
@@ -307,6 +308,11 @@ def _headline(means: StudyMeans) -> list[int]:
         if found:
             return sorted(found, key=lambda place: not means.figures[place].observer.startswith("bayesian"))
     return []
+
+
+def study_verdict(study: Study) -> list[str]:
+    """Return the verdict of the page: who hides the belief, at which budget and regret; empty for a study without a page."""
+    return _verdict(study, means_of(*study.gridded())) if isinstance(study.grid, StudyGrid) else []
 
 
 def _verdict(study: Study, means: StudyMeans) -> list[str]:

@@ -174,3 +174,19 @@ def test_rows_of_another_rule_are_not_judged_by_this_one() -> None:
     assert judged.observers[1].is_hidden is None
     assert f"cannot be judged, as {over_time.n_off} of 12 rows are none that this rule plays" in judged.summary()
     assert judge_attack(attack, held, replace(over_time, n_off=6)).observers[1].is_hidden is not None
+
+
+def test_an_aware_observer_that_errs_more_than_without_weights_is_pointed_out() -> None:
+    """The columns of two regimes exchanged: the beliefs seemed hidden, though the weights tell them."""
+    held, weights = record(20)
+    attack = attack_weights(MODEL, weights)
+    over_time = attack_over_time(attack, "cdm")
+    right = judge_attack(attack, held, over_time)
+    assert "errs more than without weights" not in right.summary()
+    first, second, third = held.columns
+    exchanged = held.rename(columns={first: second, second: third, third: first})
+    judged = judge_attack(attack, exchanged, over_time)
+    aware = judged.observers[1]
+    assert aware.asked
+    assert (aware.reached.error > 1.1 * aware.asked.error_without) == ("errs more than without" in judged.summary())
+    assert aware.is_misled

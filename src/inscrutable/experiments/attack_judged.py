@@ -25,6 +25,9 @@ from inscrutable.labels import label_text
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 
+_MISLED = 1.1
+"""Factor of the error without weights beyond which the aware observer's is odd; .85 is met under the sequential rule on the
+packaged returns, 1.14 with two columns of the beliefs exchanged."""
 _NAIVE = "the naive observer, who takes the weights at face value"
 _AWARE = "the aware observer, who knows the rule and sees all rows so far"
 
@@ -50,6 +53,12 @@ class JudgedObserver(NamedTuple):
             return None
         return self.asked.is_met(self.reached)
 
+    @property
+    def is_misled(self) -> bool:
+        """Whether the aware observer errs clearly more than without weights, which an estimate by the true law does not."""
+        is_aware = self.reached.name == _AWARE and self.asked is not None and self.n_read > 1
+        return bool(is_aware and self.asked and self.reached.error > _MISLED * self.asked.error_without)
+
     def summary(self, regimes: Sequence[str]) -> str:
         """Return the verdict in one sentence; a second one where the observer tells a regime from others all the same."""
         if self.n_read == 0:
@@ -64,6 +73,11 @@ class JudgedObserver(NamedTuple):
             return f"Error of {self.reached.name}: {self.reached.error:.3f}{without}."
         verdict = f"Hidden from {self.reached.name}: {'yes' if self.is_hidden else 'no'} ({self.asked.compare(self.reached)})."
         told = self.ranking.told(regimes, "row") if self.is_hidden and self.ranking else ""
+        if self.is_misled:
+            told = (
+                f"it errs more than without weights ({self.asked.error_without:.2f}), which the aware observer seldom does: "
+                "see whether these beliefs are those behind the weights, each under its regime's name, and the rule is theirs."
+            )
         return f"{verdict[:-1]}, but {told}" if told else verdict
 
 
@@ -144,6 +158,7 @@ def judge_attack(attack: Attack, beliefs: pd.DataFrame, over_time: AttackOverTim
     world = attack.model.world
     found = [_observer(_NAIVE, world, attack.estimates[read], held[read])]
     if over_time is not None:
+        found[0] = found[0]._replace(ranking=None)  # what the better informed observer tells is what counts
         found.append(_observer(_AWARE, world, over_time.inferred.mean, held)._replace(n_off=over_time.n_off))
     return JudgedAttack(tuple(found), len(held), attack.model.regimes)
 

@@ -343,3 +343,13 @@ def test_pieces_of_hubers_function_are_not_taken_for_one_quadratic():
     assert problem.quadratic_form() is None
     np.testing.assert_allclose(problem.state_costs([2.0]), [0.19, 0.99], atol=1e-12)
     assert problem.solve([1.0, 0.0])[0] == pytest.approx(3.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1e-5, 1.0, 1e3])
+def test_an_optimal_decision_is_explained_whatever_the_scale_of_costs_with_kinks(scale):
+    for seed in range(6):
+        rng, u = np.random.default_rng(seed), cp.Variable(3)
+        costs = [scale * cp.max(rng.normal(size=(4, 3)) @ u + rng.normal(size=4)) for _ in range(3)]
+        belief = rng.dirichlet(np.ones(3))
+        problem = ConvexProblem(u, costs, [cp.sum(u) == 1, u >= 0])
+        assert consistent_beliefs(problem, problem.solve(belief)).distance(belief) < 1e-4

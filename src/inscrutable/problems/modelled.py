@@ -80,12 +80,25 @@ class Modelled:
         with np.errstate(all="ignore"):
             return self._costs[state] if self._trees is None else self._trees[state].without_slope(point)
 
+    @property
+    def _probes(self) -> Array:
+        """Two points (2,U) inside the domain of most costs; the second is no point of symmetry."""
+        size = self.n_actions
+        return np.array([np.full(size, 1.0 / size), np.linspace(0.3, 1.1, size)])
+
+    @cached_property
+    def _scale(self) -> float:
+        """Size of the gradients, a power of two. Costs are solved at size one, as the solver's tolerances are absolute: else
+        the beliefs that explain an optimal decision missed the agent's own in half of 60 cases at a size of 1e-4."""
+        with np.errstate(all="ignore"):
+            slopes = np.abs(self.gradients(self._probes))
+        largest = float(slopes[np.isfinite(slopes)].max(initial=0.0))
+        return float(2.0 ** np.round(np.log2(largest))) if largest > 0.0 else 1.0
+
     @cached_property
     def _trees(self) -> list[Node] | None:
         """The costs as trees, if their values and gradients agree with CVXPY's at two points; else None."""
-        size = self.n_actions
-        # Inside the domain of most costs, and no point of symmetry.
-        points = np.array([np.full(size, 1.0 / size), np.linspace(0.3, 1.1, size)])
+        points = self._probes
         with np.errstate(all="ignore"):
             try:
                 trees = [tree_of(cost, self._variable) for cost in self._costs]
@@ -121,7 +134,7 @@ class Modelled:
 
     def _solve(self, belief: Array) -> Array:
         problem, parameter = self._compiled
-        parameter.value = belief
+        parameter.value = belief / self._scale
         try:
             problem.solve(solver=self._cvxpy.CLARABEL)
         except self._cvxpy.error.SolverError as error:

@@ -467,3 +467,12 @@ def test_a_run_that_fails_leaves_no_empty_folder(tmp_path):
     out = tmp_path / "results"
     assert cli.main(["backtest", "--train-until", "2099-01", "--out", str(out), "-q"]) == 3
     assert not out.exists()
+
+
+def test_an_empty_value_is_refused(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # type: ignore[no-untyped-def]
+    """An unset variable of a shell: an empty path would be the current folder."""
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run("backtest", "--out", "")
+    assert (code, out) == (cli.USAGE, "")
+    assert "--out has an empty value" in err
+    assert not list(tmp_path.iterdir())

@@ -379,6 +379,7 @@ def protect(
     Without `--state` one decision is protected against the naive observer. With `--state` decisions are a sequence, protected
     against the aware observer, who knows the rule and remembers every decision. With `--alphas` the private belief is numbers,
     such as expected returns, and the observer is the aware one.
+    Decisions that are no portfolios, such as a power plant's schedule or a choice among few, are protected from Python.
 
     Args:
         model: The model.json of a backtest, or a model.toml of your own with regimes; for beliefs, not for `--alphas`.
@@ -533,8 +534,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _exit_code(tokens, interrupts)
 
 
+_INTERRUPTED = (
+    "interrupted; every file that was written is whole, and where a folder held results of an earlier run, some of these may "
+    "still be there"
+)
+
+
+def _check_values(tokens: Sequence[str]) -> None:
+    """Refuse empty values, as of an unset variable of a shell: an empty path is the current folder."""
+    if "" in tokens:
+        before = tokens[tokens.index("") - 1] if tokens.index("") else ""
+        raise UsageError(f"{before} has an empty value".strip() if before.startswith("-") else "a value is empty")
+
+
 def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
     try:
+        _check_values(tokens)
         with library_log(quiet="-q" in tokens or "--quiet" in tokens):
             code = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()
@@ -556,7 +571,7 @@ def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
     except InscrutableError as error:
         return _said(str(error), error.exit_code)
     except KeyboardInterrupt:
-        return _said("interrupted; every file that was written is whole", INTERRUPTED)
+        return _said(_INTERRUPTED, INTERRUPTED)
     except BrokenPipeError:
         # The reader of our output has gone; what is still buffered must not raise again when Python shuts down.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -566,7 +581,7 @@ def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
             return _said(str(error), DiskError.exit_code, kind="disk")
         # A compiled kernel reports an interrupt as an error of its own.
         if interrupts.caused(error):
-            return _said("interrupted; every file that was written is whole", INTERRUPTED)
+            return _said(_INTERRUPTED, INTERRUPTED)
         if "-v" in tokens or "--verbose" in tokens:
             raise
         return _said(f"unexpected {type(error).__name__}: {error}; run again with -v for the traceback", FAILURE)

@@ -210,6 +210,7 @@ MODELS = {
     "a row short": ("transition = [[0.95, 0.05], [0.2, 0.8]]", "transition = [[0.95, 0.05]]", "transition"),
     "rows that do not sum to one": ("[0.2, 0.8]]", "[0.2, 0.9]]", "1.1"),
     "no means": ("means = [[0.008, 0.007, 0.012], [-0.02, 0.002, -0.03]]\n", "", "give one of means and means_file"),
+    "means in percent": ("[-0.02, 0.002, -0.03]", "[-2.0, 0.2, -3.0]", "a loss of more than everything"),
     "means of other assets": ("[-0.02, 0.002, -0.03]", "[-0.02, 0.002]", "different lengths"),
     "an indefinite covariance": ("[0.002, 0.0004, 0.0006]", "[-0.002, 0.0004, 0.0006]", "covariances"),
     "a means file that is not there": (

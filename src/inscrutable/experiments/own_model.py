@@ -162,6 +162,13 @@ class RegimesPart(Section):
         else:
             covariances = _matrix(self.covariances, "covariances", (len(names), len(assets), len(assets)))
         means = pd.DataFrame(values, index=list(names), columns=list(assets))
+        if np.any(values < -1.0):
+            row, column = (int(place) for place in np.argwhere(values < -1.0)[0])
+            raise InputError(
+                f"the mean return of {assets[column]} in {names[row]} is {values[row, column]:g}, a loss of more than "
+                "everything; expected simple returns as fractions, .01 for one per cent: divide percentages by 100, "
+                "covariances by 10,000"
+            )
         emission = GaussianEmission(means, covariances)
         return HiddenMarkovModel(self.transition, emission, self.initial, names=names)
 

@@ -353,3 +353,14 @@ def test_an_optimal_decision_is_explained_whatever_the_scale_of_costs_with_kinks
         belief = rng.dirichlet(np.ones(3))
         problem = ConvexProblem(u, costs, [cp.sum(u) == 1, u >= 0])
         assert consistent_beliefs(problem, problem.solve(belief)).distance(belief) < 1e-4
+
+
+def test_costs_whose_size_differs_between_places_are_solved_as_well():
+    """Nearly flat or very steep where the size is looked at, and of size one at the best decision."""
+    u = cp.Variable(1)
+    flat = [cp.sum(cp.exp(-100 * u)), cp.sum(cp.exp(-100 * u)) + 1e-3 * cp.sum(cp.abs(u - 0.02))]
+    np.testing.assert_allclose(ConvexProblem(u, flat, [u >= 0, u <= 0.05]).solve([0.5, 0.5]), [0.05], atol=1e-6)
+    steep = [cp.sum(cp.power(u - 40, 4)) + cp.sum(cp.abs(u - 41)), cp.sum(cp.power(u - 40, 4))]
+    np.testing.assert_allclose(
+        ConvexProblem(u, steep, [u >= -100, u <= 100]).solve([1.0, 0.0])[0], 40.0 + 0.25 ** (1 / 3), atol=1e-3
+    )

@@ -17,6 +17,7 @@ from inscrutable.validation import Array
 
 _LONGEST_NAME = 60
 _MOST_KEPT = 10_000  # stored decisions
+_LEAST_SCALE = 2.0**-30  # costs that are flat to rounding at the places looked at have no size
 _SAME = tolerances.EXACT_COST
 _FOREIGN = {"boolean", "integer", "complex", "imag"}
 """Attributes of variables under which the feasible set is not a convex set of real vectors."""
@@ -88,12 +89,21 @@ class Modelled:
 
     @cached_property
     def _scale(self) -> float:
-        """Size of the gradients, a power of two. Costs are solved at size one, as the solver's tolerances are absolute: else
-        the beliefs that explain an optimal decision missed the agent's own in half of 60 cases at a size of 1e-4."""
+        """Size of the gradients at the probes and at the best decision of the even belief, a power of two and at most one.
+
+        Smaller costs are solved at size one, as the solver's tolerances are absolute: else the beliefs that explain an optimal
+        decision missed the agent's own in half of 60 cases at a size of 1e-4. Larger ones keep their size, which may be that
+        of a place far from all good decisions.
+        """
+        count = len(self._costs)
+        try:
+            points = np.vstack([self._probes, self._solve_at(np.full(count, 1.0 / count))])
+        except (ModelError, SolverError):
+            return 1.0
         with np.errstate(all="ignore"):
-            slopes = np.abs(self.gradients(self._probes))
+            slopes = np.abs(self.gradients(points))
         largest = float(slopes[np.isfinite(slopes)].max(initial=0.0))
-        return float(2.0 ** np.round(np.log2(largest))) if largest > 0.0 else 1.0
+        return float(np.clip(2.0 ** np.round(np.log2(largest)), _LEAST_SCALE, 1.0)) if largest > 0.0 else 1.0
 
     @cached_property
     def _trees(self) -> list[Node] | None:
@@ -133,8 +143,16 @@ class Modelled:
         return self._solved[key]
 
     def _solve(self, belief: Array) -> Array:
+        if self._scale < 1.0:
+            try:
+                return self._solve_at(belief / self._scale)
+            except (ModelError, SolverError):
+                pass  # judged, and told, at the costs' own size
+        return self._solve_at(belief)
+
+    def _solve_at(self, belief: Array) -> Array:
         problem, parameter = self._compiled
-        parameter.value = belief / self._scale
+        parameter.value = belief
         try:
             problem.solve(solver=self._cvxpy.CLARABEL)
         except self._cvxpy.error.SolverError as error:

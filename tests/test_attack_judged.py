@@ -186,7 +186,5 @@ def test_an_aware_observer_that_errs_more_than_without_weights_is_pointed_out() 
     first, second, third = held.columns
     exchanged = held.rename(columns={first: second, second: third, third: first})
     judged = judge_attack(attack, exchanged, over_time)
-    aware = judged.observers[1]
-    assert aware.asked
-    assert (aware.reached.error > 1.1 * aware.asked.error_without) == ("errs more than without" in judged.summary())
-    assert aware.is_misled
+    assert judged.observers[1].is_misled
+    assert "errs more than without weights" in judged.summary()

@@ -150,6 +150,15 @@ def test_frontier_shows_the_decisions_on_the_curves(found: Backtest, kept: list[
     mixed, single = marks["best lottery, in expectation"].get_ydata(), marks["best single decision"].get_ydata()
     assert (mixed >= single - 1e-12).all()
     assert (np.diff(mixed) >= -1e-12).all()
+    # No decision lies above the curve that bounds it; the search finds better ones than the candidates.
+    regrets = marks["best single decision"].get_xdata()
+    for label, curve in (
+        ("probabilistic (PDM),\nin expectation", mixed),
+        ("probabilistic (PDM), atoms", single),
+        ("counter-adversarial (CDM)", single),
+    ):
+        for regret, privacy in marks[label].get_xydata():
+            assert privacy <= curve[np.searchsorted(regrets, regret)] + 1e-9, label
     assert "% of the optimal cost" in axis.get_xlabel()
     slope = next(line for label, line in marks.items() if label.startswith("slope: "))
     on = np.interp(slope.get_xdata(), marks["best lottery, in expectation"].get_xdata(), mixed)

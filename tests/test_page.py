@@ -224,6 +224,15 @@ def test_no_published_single_decision_lies_above_its_curve(page: Path) -> None:
         assert privacy is None or privacy <= steps[steps[:, 0] <= regret, 1].max() + 1e-9
 
 
+def test_no_published_lottery_lies_above_its_curve(page: Path) -> None:
+    data = data_of(page)
+    for curves, (atoms, *_) in zip(data["frontiers"], data["played"]["PDM"][data["own"]], strict=True):
+        _, share, regret, privacy = np.array(atoms, dtype=float).T
+        corners = np.array(curves["mixed"])
+        most = np.interp(share @ regret, *corners.T)
+        assert share @ privacy <= most + 2e-4  # figures are rounded
+
+
 def test_same_result_gives_the_same_bytes(found: Backtest, page: Path, tmp_path: Path) -> None:
     assert write_page(found, tmp_path / "again.html").read_bytes() == page.read_bytes()
 

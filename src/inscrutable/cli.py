@@ -543,8 +543,8 @@ _INTERRUPTED = (
 def _check_values(tokens: Sequence[str]) -> None:
     """Refuse empty values, as of an unset variable of a shell: an empty path is the current folder."""
     if "" in tokens:
-        before = tokens[tokens.index("") - 1] if tokens.index("") else ""
-        raise UsageError(f"{before} has an empty value".strip() if before.startswith("-") else "a value is empty")
+        option = ["", *tokens][tokens.index("")]
+        raise UsageError(f"{option} has an empty value" if option.startswith("-") else "a value is empty")
 
 
 def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:

@@ -213,9 +213,10 @@ def draw_frontier(result: Backtest, folder: Path, step: int) -> list[Path]:
     candidates = result.candidates if problem is result.problem else None
     if candidates is not None:  # the decisions played were found by a search: no curve lies below them
         played = [
-            each.lotteries[step].actions for each in result.episode.records.values() if each.lotteries is not None
+            each.decisions.action[step] if each.lotteries is None else each.lotteries[step].actions
+            for each in result.episode.records.values()
         ]
-        candidates = candidates.joined(make_candidates(problem, np.vstack(played))) if played else candidates
+        candidates = candidates.joined(make_candidates(problem, np.vstack(played)))
     frontier = privacy_frontier(problem, result.beliefs.to_numpy()[step], measure, candidates=candidates)
     own = abs(frontier.optimal_cost)
     limit = result.budget.limit(frontier.optimal_cost)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -357,9 +356,9 @@ def cautions(result: Backtest) -> list[str]:
         ]
     if hiding and _few_others(result) and len(nothing) < len(_SEEN):
         said.append(f"Few {result.market.frequency.word}s tell whether the regime is hidden: {_few_others(result)}.")
-    said += filter(
-        None, [_poor_estimates(result)[1], *([] if "aware" in nothing else map(partial(_ranked, result), hiding))]
-    )
+    said += filter(None, [_poor_estimates(result)[1]])
+    if "aware" not in nothing:
+        said += filter(None, [_ranked(result, name) for name in hiding])
     for name in filter(lambda each: _informs(result, each), hiding):
         errors = (f"{figures[each]['error_followed']:.2f}" for each in (name, odm))
         said.append(

@@ -317,7 +317,7 @@ class SequentialDecisionMaker(Described):
         return (
             f"{self.calibration.summary()}\n"
             f"ceiling               {most}, on a grid of {len(self.beliefs)} beliefs, on these {len(self.table.columns)} "
-            f"candidates\n"
+            "candidates\n"
             "off the grid          other beliefs are played as well, and may cost more: the `own_regrets` of a path are not "
             f"counted above{read}"
         )

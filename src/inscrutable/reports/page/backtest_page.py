@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from inscrutable.decision_makers import Frontier
+from inscrutable.decision_makers.envelope import concave_envelope, undominated
 from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest
 from inscrutable.experiments.holding import Requirement, estimate_quality
 from inscrutable.experiments.investor_model import BASIS_POINTS
@@ -107,6 +108,7 @@ def page_data(sweep: BudgetSweep, played: Mapping[str, list[tuple[PlayedAt, ...]
     looks = looks_of(result.names)
     scale = np.where(sweep.scale > 0, sweep.scale, np.nan)
     relative = result.budget.is_relative
+    published = [budgets[sweep.own] for name, budgets in played.items() if name != "ODM"]
     return {
         "regimes": result.regimes,
         "colours": [REGIME_COLOURS[i % len(REGIME_COLOURS)] for i in range(len(result.regimes))],
@@ -130,20 +132,12 @@ def page_data(sweep: BudgetSweep, played: Mapping[str, list[tuple[PlayedAt, ...]
         },
         "sets": sets.corners,
         "frontiers": [
-            _curves(front, float(scale[t]), float(sweep.amounts[-1]), single)
-            for t, (front, single) in enumerate(zip(sweep.frontiers, _published_singles(sweep), strict=True))
+            _curves(front, float(scale[t]), float(sweep.amounts[-1]), [at[t] for at in published])
+            for t, front in enumerate(sweep.frontiers)
         ],
         "followed": _followed(sweep),
         "weights": _published_weights(sweep),
     }
-
-
-def _published_singles(sweep: BudgetSweep) -> Array:
-    """Regret and privacy of the CDM's decision at each step, shape (T,2); NaN where it has none."""
-    if "CDM" not in sweep.names:
-        return np.full((len(sweep.steps), 2), np.nan)
-    decisions = sweep.result.episode.records["CDM"].decisions
-    return np.column_stack([np.asarray(decisions.regret), sweep.result.privacy("CDM")])[sweep.steps]
 
 
 def _published_weights(sweep: BudgetSweep) -> dict[str, Any]:
@@ -225,28 +219,28 @@ def _rounded(value: float) -> float:
     return round(value, _DIGITS) if np.isfinite(value) else value
 
 
-def _curves(front: Frontier, scale: float, most: float, published: Array) -> dict[str, Any]:
+def _curves(front: Frontier, scale: float, most: float, played: Sequence[PlayedAt]) -> dict[str, Any]:
     """Return both curves up to the largest budget, in the budget's unit: steps for single decisions, corners for lotteries.
 
-    The published decision (regret, privacy) is better than the candidates of its budget and is a step too.
+    The published decisions, `played`, were found by a search and may be better than the candidates.
     """
     if not scale > 0:
         return {"single": [], "mixed": []}
-    single = front.points / [scale, 1.0]
+    atoms = [(atom.regret / scale, atom.privacy) for each in played for atom in each.atoms]
+    published, single = np.array(atoms).reshape(-1, 2), front.points / [scale, 1.0]
+    published = published[np.isfinite(published[:, 1])]
     single = single[(single[:, 0] <= most) & np.isfinite(single[:, 1])]
     if len(single) > _CURVE_POINTS:
         # The last point of each cell; cells are finest at small budgets.
         cell = np.floor(np.sqrt(single[:, 0] / most) * _CURVE_POINTS)
         single = single[np.append(cell[1:] > cell[:-1], True)]
-    if np.isfinite(published).all():
-        single = np.vstack([single, published / [scale, 1.0]])
-        single = single[np.argsort(single[:, 0], kind="stable")]
-        single = single[np.append(True, single[1:, 1] > np.maximum.accumulate(single[:, 1])[:-1])]
-    corners = front.corners / [scale, 1.0]
-    corners = corners[np.isfinite(corners[:, 1])]
+    single = np.vstack([single, published[published[:, 0] <= most]])
+    single = single[undominated(*single.T)]
+    corners = np.vstack([front.corners / [scale, 1.0], published])
+    corners = corners[concave_envelope(*corners.T)]
     mixed = corners[corners[:, 0] <= most]
     if len(mixed) and len(mixed) < len(corners):
-        mixed = np.vstack([mixed, [most, front.randomized(most * scale)]])
+        mixed = np.vstack([mixed, [most, np.interp(most, *corners.T)]])
     return {"single": _points(single), "mixed": _points(mixed)}
 
 

@@ -43,7 +43,7 @@ class ProtectedStep:
         expected: Expected regret and leakage of this step.
         published: The weights that were drawn and recorded, shape (U,), or None.
         latest: The weights recorded last, by this step or an earlier one, shape (U,), or None.
-        is_off_grid: Whether the belief is not on the grid, and therefore not in the observer's law.
+        is_off_grid: Whether the belief is not on the grid: it plays as the nearest one, which the observer's law counts.
         is_approximate: Whether the observer's law replaces `published` by the nearest weights that the rule could have played.
         n_published: Decisions recorded, this one included.
         spent: Regret of all recorded decisions, by the observer's law, in the cost's unit.
@@ -160,8 +160,8 @@ class ProtectedStep:
             )
         if self.is_off_grid:
             lines.append(
-                f"Your belief lies between the {self.n_beliefs} beliefs of the grid, as most do. The rule plays it all the "
-                "same; the observer's law counts the nearest ones instead, and the long-run regret is that of the grid."
+                f"Your belief lies between the {self.n_beliefs} beliefs of the grid, as most do. The rule plays as for the "
+                "nearest of them, which the observer's law counts; the long-run regret is that of the grid."
             )
         if self.is_approximate:
             lines.append(

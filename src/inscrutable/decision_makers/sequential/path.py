@@ -26,8 +26,8 @@ class PathDecisions(Summarised, Saved):
         status: Where the prices come from.
         expected_regrets: Mean regret of the step under the observer's law before it, shape (T,).
         own_regrets: The same under the belief itself, shape (T,).
-        n_off_grid: Steps whose belief is not on the law's grid: the observer's law does not contain it, and the calibration
-            does not count its regret.
+        n_off_grid: Steps whose belief is not on the law's grid: it plays as the nearest one, which the observer's law counts;
+            the calibration does not count its own regret.
         lost: The observer's loss in words.
 
     Source: Bayes' rule at every step.
@@ -67,5 +67,5 @@ class PathDecisions(Summarised, Saved):
             f"information       {self.bits.mean():.4f} bits a step",
         ]
         if self.n_off_grid:
-            lines.append(f"off the grid      {self.n_off_grid} beliefs, which the observer's law does not contain")
+            lines.append(f"off the grid      {self.n_off_grid} beliefs, which play as the nearest on it")
         return "\n".join([*lines, f"prices            {self.status.value}"])

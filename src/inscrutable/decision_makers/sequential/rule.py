@@ -50,8 +50,9 @@ class SequentialDecisionMaker(Described):
     the budget. With `information_price` infinite, K_t = argmax_K −s E[ρ(π,u)] − I(π;u).
 
     K_t depends on p_t alone, so that an observer can compute it. If the belief moves as the chain says, a later decision does
-    not reveal again what an earlier one revealed: on a belief that never changes only the first decision reveals anything. The
-    rule is greedy in p_t; `ceiling` is an upper bound of the loss under every rule.
+    not reveal again what an earlier one revealed: on a belief that never changes only the first decision reveals anything. A
+    belief that is not among the chain's plays as the nearest of these. The rule is greedy in p_t; `ceiling` is an upper bound
+    of the loss under every rule.
 
     Args:
         problem: The decision problem.
@@ -269,7 +270,8 @@ class SequentialDecisionMaker(Described):
         """Return drawn decisions along a path of beliefs (T,X), in the order of time, and the observer's estimates.
 
         Args:
-            beliefs: π_t, shape (T,X); `n_off_grid` counts those that are not among the chain's beliefs.
+            beliefs: π_t, shape (T,X); those that are not among the chain's beliefs play as the nearest of these, and
+                `n_off_grid` counts them.
             public: The public symbols before each decision, shape (T,), or real numbers, one row a step, where the chain's
                 symbols are cells of such; None where nothing is public.
             rng: The source of the draws.
@@ -318,8 +320,8 @@ class SequentialDecisionMaker(Described):
             f"{self.calibration.summary()}\n"
             f"ceiling               {most}, on a grid of {len(self.beliefs)} beliefs, on these {len(self.table.columns)} "
             "candidates\n"
-            "off the grid          other beliefs are played as well, and may cost more: the `own_regrets` of a path are not "
-            f"counted above{read}"
+            "off the grid          other beliefs play as the nearest of these; what they cost, the `own_regrets` of a path, is "
+            f"not counted above{read}"
         )
 
 

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 
 from inscrutable import tolerances, validation
 from inscrutable.decision_makers.aware.columns import lotteries, without_small
@@ -101,7 +100,6 @@ class DecisionSequence(Summarised, KeptInFile):
         self._latest: Array | None = None
         self.period: str | None = None
         self.digest: str | None = None
-        self._tree = cKDTree(self._table.prior.beliefs)
 
     def _priced(self) -> tuple[PriceCalibration, int, StepRule]:
         """The prices, found and drawn before the first step."""
@@ -147,7 +145,7 @@ class DecisionSequence(Summarised, KeptInFile):
 
     @property
     def is_off_grid(self) -> bool:
-        """Whether the belief last decided for in this step is not among `beliefs`, and so not in the observer's law."""
+        """Whether the belief last decided for in this step is not among `beliefs`; it plays as the nearest of them."""
         return self._is_off_grid
 
     @property
@@ -205,7 +203,7 @@ class DecisionSequence(Summarised, KeptInFile):
         regrets = columns.regrets(held[None], costs)
         shares = without_small(rows, regrets)
         self._own = float((shares * regrets).sum())
-        self._is_off_grid = bool(self._tree.query(held)[0] > tolerances.SAME_BELIEF)
+        self._is_off_grid = bool(self._table.tree.query(held)[0] > tolerances.SAME_BELIEF)
         return lotteries(columns, held[None], costs, shares, DecisionStatus.BEST_CANDIDATE)[0]
 
     def could_play(self, action: ArrayLike) -> bool:
@@ -363,5 +361,5 @@ class DecisionSequence(Summarised, KeptInFile):
         if not self.is_exact:
             lines.append(f"approximate     {self.n_approximate} decisions counted as the nearest that could be played")
         if self.n_off_grid:
-            lines.append(f"off the grid    {self.n_off_grid} beliefs, which the observer's law does not contain")
+            lines.append(f"off the grid    {self.n_off_grid} beliefs, which play as the nearest on it")
         return "\n".join([*lines, f"prices          {self.calibration.status.value}"])

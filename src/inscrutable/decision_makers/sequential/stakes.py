@@ -50,8 +50,7 @@ class Stakes:
     base: Array  # g_b(0), (B,)
     spare: Array  # (B,): the loss that no present decision can reduce
     width: int  # number of a rival's answers minus one; 0 for the square error
-    directions: Array  # (k,X): points are (π − centre)·directions where decisions are disclosed at once
-    centre: Array  # (X,)
+    directions: Array  # (k,X): the coordinates of points, up to a shift, where decisions are disclosed at once
     rival: RivalAnswers | None = None  # a rival with infinitely many answers
 
     def lost(self, joint: Array) -> Array:
@@ -159,7 +158,7 @@ def stakes_of(loss: Loss, chain: BeliefChain, schedule: Schedule) -> Stakes:
         spare = np.mean([each[:, -1] for each in expected], axis=0) - base
         if schedule.is_immediate:
             spare = np.zeros(len(points))
-        return Stakes(found, base, np.maximum(spare, 0.0), 0, basis, prior.mean)
+        return Stakes(found, base, np.maximum(spare, 0.0), 0, basis)
     assert isinstance(loss, DecisionLoss)
     rival = loss.rival(prior.beliefs.shape[1])
     made = (
@@ -182,7 +181,7 @@ def _finite_stakes(loss: Loss, rival: FiniteProblem, chain: BeliefChain, schedul
     found = np.hstack([each[:, :-1] for each in expected])
     base = np.maximum(2.0 * found.reshape(len(found), -1, len(directions)).max(axis=-1), 0.0).sum(axis=-1)
     spare = np.sum([each[:, -1] for each in expected], axis=0) - base
-    return Stakes(found, base, spare, len(directions), directions, np.zeros(len(costs)))
+    return Stakes(found, base, spare, len(directions), directions)
 
 
 def _convex(loss: DecisionLoss, chain: BeliefChain, schedule: Schedule) -> Stakes:
@@ -191,8 +190,7 @@ def _convex(loss: DecisionLoss, chain: BeliefChain, schedule: Schedule) -> Stake
     first = RivalAnswers.of(loss, np.array(_all_expected(prior.beliefs, chain, schedule)), prior.weights)
     base = (first.expected @ first.costs[:, -1]).sum(axis=0) + first.common - first.spare
     width = first.costs.shape[1] - 1
-    centre = np.zeros(prior.beliefs.shape[1])
-    return Stakes(first.points, np.maximum(base, 0.0), first.spare, width, first.directions, centre, first)
+    return Stakes(first.points, np.maximum(base, 0.0), first.spare, width, first.directions, first)
 
 
 def _rounding(stakes: Stakes) -> float:

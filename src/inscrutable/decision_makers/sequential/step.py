@@ -97,14 +97,9 @@ class StepTable:
         gaps = np.abs(self.classes.values[numbers] - shown).max(axis=1)
         return int(gaps.argmin()), float(gaps.min())
 
-    def points_of(self, beliefs: Array, stakes: Stakes) -> Array:
-        """Return the points of beliefs (T,X), on the grid or not; under a delay those of the nearest belief on it."""
-        if self.disclosure.schedule.is_immediate:
-            return np.asarray((beliefs - stakes.centre) @ stakes.directions.T)
-        return np.asarray(stakes.points[self._tree.query(beliefs)[1]])
-
     @cached_property
-    def _tree(self) -> cKDTree:
+    def tree(self) -> cKDTree:
+        """The grid's beliefs, for the nearest one to any other."""
         return cKDTree(self.prior.beliefs)
 
     @cached_property
@@ -156,7 +151,7 @@ def _cheapest(
 class Step:
     """The mechanism under a law p of the belief: K (B,n) over the values `numbers` (n,), and its leakage.
 
-    The law q (n,) of the decisions and the estimates (n,d), in coordinates of the stakes, give the row of any belief. The value
+    The law q (n,) of the decisions and the estimates (n,d), in coordinates of the stakes, are those of the formula. The value
     is within `gap` of the optimum, in units of the loss, or in nats where information alone counts.
     """
 
@@ -246,7 +241,7 @@ class StepRule:
         stakes = self.table.stakes
         if self._informs_only or stakes.rival is None:
             found = self._solved(law, stakes, kept, near, np.array([_MOST_WORK]))
-            rows = self._rows(stakes, stakes.points, *self._at(found[0]), found[1:3])
+            rows = self._rows(stakes, *self._at(found[0]), found[1:3])
             solved = stakes, found, rows, self._gap(law, stakes, rows, found[1:])
             # A barrier leaves decisions some 1e-9 of the mass: they would be drawn once in a while, and leak.
             return self._kept(law, kept, solved) if stakes.width and not self._informs_only else solved
@@ -264,7 +259,7 @@ class StepRule:
                 break
             stakes = more
             found = self._solved(law, stakes, kept, None, work)
-            rows = self._rows(stakes, stakes.points, *self._at(found[0]), found[1:3])
+            rows = self._rows(stakes, *self._at(found[0]), found[1:3])
             gap = self._gap(law, stakes, rows, found[1:])
             if best is None or gap < best[-1]:
                 best = stakes, found, rows, gap
@@ -281,7 +276,7 @@ class StepRule:
         start = self._at_prior if near is None else rule.similar(law, near.numbers, near.rows)
         found = rule.solved(law, self._constant(law, kept), start, self._first_price)
         stakes, estimates = self.table.stakes.answering(found.beliefs)
-        rows = self._rows(stakes, stakes.points, *self._at(found.numbers), (found.law, estimates))
+        rows = self._rows(stakes, *self._at(found.numbers), (found.law, estimates))
         solved = found.numbers, found.law, estimates, found.excess
         return stakes, solved, rows, self._gap(law, stakes, rows, solved[1:])
 
@@ -382,7 +377,6 @@ class StepRule:
     def _rows(
         self,
         stakes: Stakes,
-        points: Array,
         regrets: Array,
         allowed: np.ndarray | None,
         played: tuple[Array, Array],
@@ -390,7 +384,7 @@ class StepRule:
         law, estimates = played
         logs = self._values(regrets, allowed) / self.price
         if not self._informs_only:
-            logs = logs + (stakes.own(estimates) - 2.0 * points @ estimates.T) / self.price
+            logs = logs + (stakes.own(estimates) - 2.0 * stakes.points @ estimates.T) / self.price
         top = np.where(law > 0, logs, -np.inf).max(axis=1, keepdims=True)
         with np.errstate(invalid="ignore", over="ignore"):
             rows = np.where(law > 0, np.exp(logs - top), 0.0) * law
@@ -401,7 +395,13 @@ class StepRule:
     def answers(self, step: Step, beliefs: Array) -> tuple[Columns, Array, Array]:
         """Return decisions, K (T,n) over them and optimal costs of any beliefs (T,X), on the grid or not.
 
-        A belief that is allowed none of the played decisions plays its own optimal one, which is added.
+        A belief off the grid plays each disclosed value with the probability of the nearest belief on it: the chain, and so
+        the observer's law, counts it as that one. Of the decisions disclosed as one value it plays its own cheapest. Where a
+        cap forbids it a value, the others are scaled up; where it forbids all, its own optimal decision is added.
+
+        In its place the row that the formula gives for the belief itself was measured: with small prices of information it
+        splits beliefs between those of the grid too sharply. Four actions, three states, a price of .03 of the prior loss: a
+        regret of 1.05 and an observer's loss of .176 against .82 and .150 calculated, and .86 and .147 with the nearest row.
         """
         table = self.table
         some = np.flatnonzero(np.isin(table.classes.place, step.numbers))
@@ -416,9 +416,12 @@ class StepRule:
         classes = table.classes._replace(
             values=step.numbers, place=order[np.searchsorted(step.numbers[order], table.classes.place[some])]
         )
-        regrets, allowed, number = _cheapest(columns, classes, table.cap, (beliefs, costs))
-        points = table.points_of(beliefs, step.stakes)
-        shares = self._rows(step.stakes, points, regrets, allowed, (step.law, step.estimates))
+        _, allowed, number = _cheapest(columns, classes, table.cap, (beliefs, costs))
+        shares = step.rows[table.tree.query(beliefs)[1]]
+        if allowed is not None:
+            shares = np.where(allowed, shares, 0.0)
+            total = shares.sum(axis=1, keepdims=True)
+            shares = np.divide(shares, total, out=np.zeros_like(shares), where=total > 0)
         rows = np.zeros((len(beliefs), len(columns)))
         np.put_along_axis(rows, number, shares, axis=1)
         lost = np.flatnonzero(~(rows.sum(axis=1) > 0))

@@ -16,6 +16,7 @@ from inscrutable.errors import InputError
 from inscrutable.experiments.attack import attack_weights
 from inscrutable.experiments.attack_judged import judge_attack
 from inscrutable.experiments.attack_over_time import attack_over_time
+from inscrutable.experiments.holding import Reached
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.worlds import HiddenMarkovModel
 from test_attack import market, published
@@ -52,7 +53,9 @@ def test_errors_and_namings_are_those_of_the_estimates() -> None:
         assert each.asked.chance == pytest.approx(commonest)
         assert each.reached.error == pytest.approx(float(np.sqrt(((true - estimates) ** 2).sum(axis=1).mean())))
         assert each.reached.named == pytest.approx(float((true.argmax(axis=1) == estimates.argmax(axis=1)).mean()))
-        assert (": yes (" in line) == each.is_hidden == each.asked.is_met(each.reached)
+        assert (": yes (" in line) == bool(each.is_hidden)
+        assert ("cannot be judged" in line) == (each.is_hidden is None) == each.is_misled
+        assert each.is_misled or each.is_hidden == each.asked.is_met(each.reached)
 
 
 def test_optimal_weights_hide_nothing_and_rows_that_are_not_read_do_not_count() -> None:
@@ -173,7 +176,23 @@ def test_rows_of_another_rule_are_not_judged_by_this_one() -> None:
     judged = judge_attack(attack, held, over_time)
     assert judged.observers[1].is_hidden is None
     assert f"cannot be judged, as {over_time.n_off} of 12 rows are none that this rule plays" in judged.summary()
-    assert judge_attack(attack, held, replace(over_time, n_off=6)).observers[1].is_hidden is not None
+    assert "cannot be judged, as it errs" in judge_attack(attack, held, replace(over_time, n_off=6)).summary()
+
+
+def test_an_aware_observer_that_errs_far_more_than_it_expects_is_not_judged() -> None:
+    """Counter-adversarial weights of another budget seemed hidden from an observer that took them for those of the model's."""
+    held, weights = record(20)
+    attack = attack_weights(MODEL, weights)
+    over_time = attack_over_time(attack, "cdm", 0.03)
+    assert "a budget of 0.03 of |c*|" in over_time.summary()
+    assert "the model's budget" in attack_over_time(attack, "cdm").summary()
+    observer = judge_attack(attack, held, over_time).observers[1]
+    assert observer.expected == pytest.approx(np.sqrt(np.mean(over_time.inferred.spread**2)))
+    assert observer.asked
+    far = observer._replace(reached=Reached(observer.reached.name, 0.9 * observer.asked.error_without, 0.0), n_off=0)
+    assert far._replace(expected=0.5 * far.reached.error).is_hidden
+    assert far._replace(expected=0.4 * far.reached.error).is_hidden is None
+    assert "cannot be judged, as it errs" in far._replace(expected=0.4 * far.reached.error).summary(REGIMES)
 
 
 def test_an_aware_observer_that_errs_more_than_without_weights_is_pointed_out() -> None:
@@ -181,10 +200,9 @@ def test_an_aware_observer_that_errs_more_than_without_weights_is_pointed_out() 
     held, weights = record(20)
     attack = attack_weights(MODEL, weights)
     over_time = attack_over_time(attack, "cdm")
-    right = judge_attack(attack, held, over_time)
-    assert "errs more than without weights" not in right.summary()
     first, second, third = held.columns
     exchanged = held.rename(columns={first: second, second: third, third: first})
     judged = judge_attack(attack, exchanged, over_time)
     assert judged.observers[1].is_misled
-    assert "errs more than without weights" in judged.summary()
+    assert judged.observers[1].is_hidden is None
+    assert "each under its regime's name" in judged.summary()

@@ -26,8 +26,11 @@ from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 
 _MISLED = 1.1
-"""Factor of the error without weights beyond which the aware observer's is odd; .85 is met under the sequential rule on the
-packaged returns, 1.14 with two columns of the beliefs exchanged."""
+"""Factor of the error without weights beyond which the aware observer's is too large; .85 is met under the sequential rule on
+the packaged returns, 1.14 with two columns of the beliefs exchanged."""
+_OVERCONFIDENT = 2.0
+"""Factor of its expected error beyond which the aware observer assumes another rule than that of the weights: beside the true
+rule the factor is .9 to 1.7 on the packaged and on simulated returns, 4 to 13 with a tenth or ten times its budget."""
 _NAIVE = "the naive observer, who takes the weights at face value"
 _AWARE = "the aware observer, who knows the rule and sees all rows so far"
 
@@ -37,7 +40,8 @@ class JudgedObserver(NamedTuple):
 
     `asked` is the requirement for the beliefs of these rows to count as hidden; None where no row was read, and where the
     stationary law, which an observer without weights estimates, is not unique. `n_off` rows are none that the rule plays which
-    the observer assumes; where they are the most, it is misled by a wrong rule, not by these weights.
+    the observer assumes; where they are the most, it is misled by a wrong rule, not by these weights. So it is where it errs
+    far more than by `expected`, its error if its rule were the true one.
     """
 
     reached: Reached
@@ -45,19 +49,23 @@ class JudgedObserver(NamedTuple):
     n_read: int
     n_off: int = 0
     ranking: StateRanking | None = None
+    expected: float = float("inf")
 
     @property
     def is_hidden(self) -> bool | None:
         """Whether the beliefs are hidden from it; None where that is not known, and for a single row."""
-        if self.asked is None or self.n_read < 2 or 2 * self.n_off > self.n_read:
+        if self.asked is None or self.n_read < 2 or 2 * self.n_off > self.n_read or self.is_misled:
             return None
         return self.asked.is_met(self.reached)
 
     @property
     def is_misled(self) -> bool:
-        """Whether the aware observer errs clearly more than without weights, which an estimate by the true law does not."""
-        is_aware = self.reached.name == _AWARE and self.asked is not None and self.n_read > 1
-        return bool(is_aware and self.asked and self.reached.error > _MISLED * self.asked.error_without)
+        """Whether the beliefs would count as hidden from an aware observer that errs far more than it expects, or more than
+        without weights: the rule or the beliefs are others than those of the weights."""
+        if self.asked is None or self.n_read < 2 or not self.asked.is_met(self.reached):
+            return False
+        odd = min(_OVERCONFIDENT * self.expected, _MISLED * self.asked.error_without)
+        return bool(self.reached.name == _AWARE and self.reached.error > odd)
 
     def summary(self, regimes: Sequence[str]) -> str:
         """Return the verdict in one sentence; a second one where the observer tells a regime from others all the same."""
@@ -68,16 +76,17 @@ class JudgedObserver(NamedTuple):
                 f"Hidden from {self.reached.name}: cannot be judged, as {self.n_off} of {self.n_read} rows are none that this "
                 f"rule plays (error {self.reached.error:.2f})."
             )
+        if self.is_misled and self.asked is not None:
+            return (
+                f"Hidden from {self.reached.name}: cannot be judged, as it errs by {self.reached.error:.2f}, where it expects "
+                f"{self.expected:.2f}, and {self.asked.error_without:.2f} without weights: see whether the rule, its budget "
+                "and the model are those of the weights, and these beliefs too, each under its regime's name."
+            )
         if self.is_hidden is None or self.asked is None:
             without = "" if self.asked is None else f"; without weights the error is {self.asked.error_without:.3f}"
             return f"Error of {self.reached.name}: {self.reached.error:.3f}{without}."
         verdict = f"Hidden from {self.reached.name}: {'yes' if self.is_hidden else 'no'} ({self.asked.compare(self.reached)})."
         told = self.ranking.told(regimes, "row") if self.is_hidden and self.ranking else ""
-        if self.is_misled:
-            told = (
-                f"it errs more than without weights ({self.asked.error_without:.2f}), which the aware observer seldom does: "
-                "see whether these beliefs are those behind the weights, each under its regime's name, and the rule is theirs."
-            )
         return f"{verdict[:-1]}, but {told}" if told else verdict
 
 
@@ -159,7 +168,11 @@ def judge_attack(attack: Attack, beliefs: pd.DataFrame, over_time: AttackOverTim
     found = [_observer(_NAIVE, world, attack.estimates[read], held[read])]
     if over_time is not None:
         found[0] = found[0]._replace(ranking=None)  # what the better informed observer tells is what counts
-        found.append(_observer(_AWARE, world, over_time.inferred.mean, held)._replace(n_off=over_time.n_off))
+        found.append(
+            _observer(_AWARE, world, over_time.inferred.mean, held)._replace(
+                n_off=over_time.n_off, expected=over_time.expected_error
+            )
+        )
     return JudgedAttack(tuple(found), len(held), attack.model.regimes)
 
 

@@ -51,6 +51,7 @@ class AttackOverTime:
         prior_error: √E‖π − E π‖², its error without weights, in the long run of the model.
         n_off: Number of rows that the rule does not play: those farther from its nearest decision than that one's neighbours
             are; for the sequential rule all that it does not play, but for rounding.
+        budget: The rule's budget that the observer assumes, in words; empty where the rule has none.
     """
 
     attack: Attack
@@ -58,6 +59,12 @@ class AttackOverTime:
     inferred: InferredBeliefs
     prior_error: float
     n_off: int
+    budget: str = ""
+
+    @property
+    def expected_error(self) -> float:
+        """Root mean square of the observer's expected errors: its error if the rule and the model are the true ones."""
+        return float(np.sqrt(np.mean(self.inferred.spread**2)))
 
     def table(self) -> pd.DataFrame:
         """Return one row per published row: the estimate of each regime, its expected error, and the row's status."""
@@ -69,11 +76,11 @@ class AttackOverTime:
     def summary(self) -> str:
         """Return the observer's mean figures, and how many rows the rule does not play."""
         found = self.inferred
-        error = float(np.sqrt(np.mean(found.spread**2)))
+        played = f"{self.rule}, {self.budget}" if self.budget else self.rule
         lines = [
-            f"If the rule ({self.rule}) and the model are the true ones, the aware observer errs by {error:.3f}, root mean "
-            f"square; without weights by {self.prior_error:.3f}, in the long run. It gives the likeliest regime a probability "
-            f"of {found.mean.max(axis=1).mean():.2f} on average."
+            f"If the rule ({played}) and the model are the true ones, the aware observer errs by {self.expected_error:.3f}, "
+            f"root mean square; without weights by {self.prior_error:.3f}, in the long run. It gives the likeliest regime a "
+            f"probability of {found.mean.max(axis=1).mean():.2f} on average."
         ]
         lost = self.attack.count(Reading.IMPLAUSIBLE)
         if self.n_off:
@@ -148,7 +155,16 @@ def attack_over_time(
         inferred = SequentialAdversary(chain, watched).filter(attack.actions, nearest=1)
         return AttackOverTime(attack, rule, inferred, chain.prior.error, watched.n_off(attack, inferred.statuses))
     inferred = SequentialAdversary(doubted(chain), known).filter(attack.actions, nearest=N_NEAREST)
-    return AttackOverTime(attack, rule, inferred, chain.prior.error, _n_off(known.actions, attack.actions))
+    return AttackOverTime(
+        attack, rule, inferred, chain.prior.error, _n_off(known.actions, attack.actions), _assumed(rule, model, budget)
+    )
+
+
+def _assumed(rule: str, model: InvestorModel, given: Budget | float | None) -> str:
+    """Return the budget that the observer assumes in words; empty for optimal decisions."""
+    if rule == "optimal":
+        return ""
+    return f"the model's budget, {model.budget}" if given is None else f"a budget of {as_budget(given)}"
 
 
 class _Watched:

@@ -423,6 +423,15 @@ def test_settings_that_do_not_fit(settings: dict[str, object], message: str) -> 
         BacktestSettings(**settings)  # type: ignore[arg-type]
 
 
+def test_a_riskless_rate_per_year_on_rows_of_a_month_is_pointed_out() -> None:
+    returns = market()
+    doubted, sound = (
+        run(returns, riskless=pd.Series(rate, index=returns.index)).market.suspicious for rate in (0.04, 0.004)
+    )
+    assert sound == ()
+    assert "a riskless return of 4.00% a month on average is 48% a year" in doubted[0]
+
+
 def test_other_refusals(found: Backtest, tmp_path: Path) -> None:
     returns = market()
     with pytest.raises(InputError, match="train_until must be a date"):

@@ -61,6 +61,18 @@ covariances = [
 """
 
 
+def test_what_holdings_leave_out_is_said(tmp_path):
+    path = tmp_path / "holdings.csv"
+    path.write_text("date,Oil,Food,Tech,Cash\n2020-01-31,3,0,0,1\n2020-02-29,2,1,1,-2\n")
+    said = read_holdings(path, assets=ASSETS).cautions()
+    assert "up to 33.3% of a row's value is left out (Cash)" in said[0]
+    assert "Cash is below 0, a debt" in said[1]
+    path.write_text("symbol,value\nOil,3\nCash,-1\n")
+    assert any("Cash is below 0, a debt" in each for each in read_holdings(path, assets=ASSETS).cautions())
+    path.write_text("symbol,value\nOil,3\nCash,1\n")
+    assert not any("debt" in each for each in read_holdings(path, assets=ASSETS).cautions())
+
+
 @pytest.fixture
 def model(tmp_path):
     path = tmp_path / "model.toml"

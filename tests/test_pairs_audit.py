@@ -223,6 +223,24 @@ def leaking(rows: int = 240, since: int = 0) -> tuple[pd.DataFrame, pd.DataFrame
     return secrets, pd.DataFrame(weights, index=dates)
 
 
+def test_lags_count_steps_in_time_though_rows_are_missing() -> None:
+    """A decision tells the secret of the week before; where only some weeks are published, that stays its lag."""
+    rng = np.random.default_rng(1)
+    weeks = pd.date_range("2012-01-06", periods=400, freq="W")
+    secret = pd.Series(rng.normal(size=400), weeks, name="signal")
+    decisions = pd.DataFrame({"A": np.roll(secret, 1) + 0.3 * rng.normal(size=400)}, weeks)
+    whole, second, some = (
+        audit_pairs(secret, decisions[kept], lags=(1,), shifts=19).secrets[0]
+        for kept in (np.full(400, True), np.arange(400) % 2 == 0, rng.random(400) < 0.7)
+    )
+    assert all(each.is_found for each in (whole, second, some))
+    assert second.explained == pytest.approx(whole.explained, abs=0.05)
+    assert some.explained == pytest.approx(whole.explained, abs=0.05)
+    audited = audit_pairs(secret, decisions[::2], lags=(1,), shifts=19)
+    assert "lags count the rows of both tables together" in audited.summary()
+    assert audited.n_rows == 199
+
+
 def test_columns_and_lags_that_tell_are_named() -> None:
     found = audit_pairs(*leaking(), lags=(0, 1), shifts=19)
     regime, score = found.of("regime"), found.of("score")

@@ -150,6 +150,20 @@ def test_the_belief_of_the_next_step_comes_from_the_returns_so_far(
     once = ["protect", "--model", str(file), "--returns", str(tmp_path / "returns.csv"), "-q"]
     assert main(once) == 0
     assert "Caution: if these returns are public" in capsys.readouterr().out
+    few = [np.array(start) for start in np.eye(2)]  # the same from each regime before the first row
+    for row in rows.to_numpy():
+        seen = [multivariate_normal.pdf(row, mean, cov) for mean, cov in zip(MEANS, SPREADS, strict=True)]
+        few = [each * seen / (each @ seen) @ model.world.transition for each in few]
+    assert model.start_counts(rows) == pytest.approx(np.abs(few[0] - few[1]).max(), abs=1e-12)
+    rows[:1].to_csv(tmp_path / "one.csv")
+    for last in (once, call[:-2]):
+        some = (
+            [*last, "--returns", str(tmp_path / "one.csv")]
+            if last is not once
+            else [*last[:4], str(tmp_path / "one.csv")]
+        )
+        assert main(some) == 0
+        assert "Caution: these returns are too few" in capsys.readouterr().out
     for wrong, said in (
         (["--out", "x", "--belief", "1,0"], "--out does not go"),
         ([], "one of --belief and --returns"),

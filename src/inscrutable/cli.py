@@ -200,8 +200,8 @@ def backtest(
         seed: The same seed gives the same numbers.
         out: Folder for the table, the figures, the weights and model.json; with the extra `inscrutable[report]` also
             report.html, one interactive page that works offline.
-        strict: Exit with code 4 where figures or verdict are doubtful: the fit collapsed or is overfitted, the belief hardly
-            moves, there is nothing to hide, or hiding is weak. All files are written nevertheless.
+        strict: Exit with code 4 where figures or verdict are doubtful: returns are suspicious, the fit collapsed or is
+            overfitted, the belief hardly moves, there is nothing to hide, or hiding is weak. All files are still written.
     """
     from inscrutable.experiments.backtest import BacktestSettings, run_backtest
     from inscrutable.experiments.rivals import read_rival
@@ -257,7 +257,7 @@ def backtest(
     with speech.progress("Decisions") as move:
         result = run_backtest(table, settings, beliefs=held, riskless=rate, beside=beside, progress=move)
     _show_backtest(result, folder, _written(result, folder, speech), speech)
-    doubts = [*result.doubts, *cautions(result)] if strict else []
+    doubts = [*result.doubts, *result.market.suspicious, *cautions(result)] if strict else []
     return _said("; ".join(each.rstrip(".") for each in doubts), ModelError.exit_code, kind="doubtful") if doubts else 0
 
 
@@ -444,8 +444,9 @@ def protect(
     before = None if previous is None else one_row(weights_of(previous, investor, normalise, map_), previous)
     investor = investor.after(before)
     held: Any = single if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
+    cautions = [] if planned is None else planned.cautions()
     if means.returns is not None:
-        held, _ = belief_after(means.returns, investor, speech)
+        held, _, cautions = belief_after(means.returns, investor, speech)
     folder = None if out is None else writable_folder(out, "protect")
     with speech.progress("Steps") as move:
         if planned is not None:
@@ -453,11 +454,9 @@ def protect(
         found = experiment.protect(investor, held, limit, chosen, certify=certify, rng=rng, progress=move)
     files = [] if folder is None else replaced(folder, "protect", write_protect(found, folder), speech)
     if speech.json:
-        speech.summary(protect_summary(found) | {"cautions": [] if planned is None else planned.cautions()})
+        speech.summary(protect_summary(found) | {"cautions": cautions})
         return
-    _show_protection(found, [] if planned is None else planned.cautions())
-    if means.returns is not None:
-        results().print(IF_PUBLIC)
+    _show_protection(found, cautions if means.returns is None else [*cautions, IF_PUBLIC])
     if folder is None and len(found) > 1:
         results().print("The weights of all rows: --out FOLDER writes them.")
     speech.files(files)

@@ -31,7 +31,7 @@ def audit(
     Args:
         secrets: CSV of what should stay private, such as signals: dates or labels in the first column, then numbers or classes.
         published: CSV of decisions, such as weights: the same layout. Rows are joined by their dates or labels.
-        lags: Rows from a secret to its decision, such as 0,1,2: 1 is a decision one row later.
+        lags: Rows from a secret to its decision, such as 0,1,2: 1 is a decision one row later, counting the rows of both files.
         embargo: Rows left out between training and test rows. Default: the length over which the secret is autocorrelated.
         kind: Whether all secrets are classes or numbers. Default: words, and whole numbers of at most ten values, are classes.
         seed: The same seed gives the same numbers.

@@ -36,15 +36,24 @@ def belief_now(belief: str | None, returns: Path | None, refused: dict[str, Any]
     raise UsageError("--state needs your belief: one of --belief and --returns")
 
 
-def belief_after(path: Path, investor: InvestorModel, speech: Speech) -> tuple[Array, DataFrame]:
-    """Return the belief about the next row after the returns of a file, and these; say both."""
+_FEW_ROWS = 0.05
+"""Largest part of a regime's probability that may come from the belief before the first row, without a caution."""
+
+
+def belief_after(path: Path, investor: InvestorModel, speech: Speech) -> tuple[Array, DataFrame, list[str]]:
+    """Return the belief about the next row after the returns of a file, these, and cautions; say the first two."""
     from inscrutable.datasets import read_returns
 
     table = read_returns(path)
     found = investor.belief_after(table)
     named = ", ".join(f"{name} {share:.3f}" for name, share in zip(investor.regimes, found, strict=True))
     speech.log(f"Belief after {len(table)} rows of {path}, to {table.index[-1]:%Y-%m-%d}: {named}")
-    return found, table
+    apart = investor.start_counts(table)
+    few = (
+        "Caution: these returns are too few for this belief: by what is held before the first row, a regime's "
+        f"probability differs by up to {apart:.2f}; give all returns since the model's first ones."
+    )
+    return found, table, [few] if apart > _FEW_ROWS else []
 
 
 def protect_next(
@@ -70,7 +79,9 @@ def protect_next(
     from inscrutable.experiments.silence import budget_in
 
     investor = investor_of(model, limits)
-    held, periods = belief_after(belief, investor, speech) if isinstance(belief, Path) else (belief, ())
+    held, periods, cautions = (
+        belief_after(belief, investor, speech) if isinstance(belief, Path) else (belief, (), list[str]())
+    )
     if not state.exists():
         speech.log(
             f"No sequence in {state} yet: it is begun, with this budget and the prices that spend it in the long run."
@@ -79,14 +90,14 @@ def protect_next(
     rng = None if seed is None else np.random.default_rng(seed)
     found = protect_step(investor, held, state, limit, publish=publish, rng=rng, periods=periods)
     if speech.json:
-        speech.summary(found.figures())
+        speech.summary(found.figures() | {"cautions": cautions})
         return
     show_table(found.lines(), "The lottery of this step, from which --publish draws")
     if found.published is not None:
         results().print(f"Publish these weights, which are recorded: {found.written(found.published)}.")
         if seed is not None:
             results().print(SEED_KNOWN)
-    for line in found.summary().splitlines():
+    for line in [*found.summary().splitlines(), *cautions]:
         results().print(line)
     if isinstance(belief, Path):
         results().print(IF_PUBLIC)

@@ -85,7 +85,7 @@ def read_holdings(
     is_long = any(name in _TICKERS for name in header) and any(name in (*_VALUES, *_SHARES) for name in header)
     values, halves, cash, index = _long(table, header, known) if is_long else _wide(table, known)
     found = _as_weights(table, known, values, halves, cash, index)
-    return found if is_long else replace(found, missing=known.absent)
+    return replace(found, missing=() if is_long else known.absent, owed=tuple(dict.fromkeys(known.owed)))
 
 
 class _Names:
@@ -100,6 +100,7 @@ class _Names:
         for asset in assets:
             self._folded.setdefault(asset.casefold(), []).append(asset)
         self.left_out: list[str] = []
+        self.owed: list[str] = []
         self.seen: set[str] = set()
 
     @property
@@ -131,6 +132,12 @@ class _Names:
         self.seen.add(asset)
         return self.assets.index(asset)
 
+    def aside(self, label: str, amount: float) -> float:
+        """Return the size of an amount that is left out; one below 0 is remembered."""
+        if amount < 0.0:
+            self.owed.append(label)
+        return abs(amount)
+
 
 def _wide(
     table: TextTable, known: _Names
@@ -149,9 +156,9 @@ def _wide(
     half = _half_unit(cell for cells in rows for place, cell in zip(places, cells, strict=True) if place is not None)
     for row, cells in enumerate(rows):
         _same_unit(table, row, cells, kinds)
-        for place, cell in zip(places, cells, strict=True):
+        for label, place, cell in zip(labels[first:], places, cells, strict=True):
             if place is None:
-                cash[row] += abs(cell.value)
+                cash[row] += known.aside(label, cell.value)
             else:
                 values[row, place], halves[row, place] = cell.value, half if cell.half_unit else 0.0
     index = label_index(table) if first else pd.RangeIndex(len(table.rows), name="row")
@@ -210,7 +217,7 @@ def _long(
             if place is not None and count and not amount.value > 0:
                 raise InputError(f"{table.place(row, column)}: no price above 0 for what is held")
         if place is None:
-            cash[where[row]] += abs(count * amount.value)
+            cash[where[row]] += known.aside(table.rows[row][ticker], count * amount.value)
         else:
             values[where[row], place] += count * amount.value
             halves[where[row], place] += abs(count) * half

@@ -44,6 +44,7 @@ class WeightsTable:
         left_out: Largest share of a row's value outside the model's assets, such as cash.
         others: The labels left out.
         missing: Assets of the model without a column in a wide file of holdings, whose weights are therefore 0.
+        owed: The labels left out with an amount below 0, such as borrowed cash.
     """
 
     frame: pd.DataFrame
@@ -51,14 +52,25 @@ class WeightsTable:
     left_out: float = 0.0
     others: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
+    owed: tuple[str, ...] = ()
 
     def cautions(self) -> list[str]:
-        """Return what may be wrong with the weights as they are read, a sentence each."""
+        """Return what was left out of the weights as they are read and what may be wrong with them, a sentence each."""
         told = []
         if self.missing:
             told.append(
                 f"Caution: the file has no column for {', '.join(self.missing)}; the weight there counts as 0, and the others "
                 "are scaled to the sum 1."
+            )
+        if self.left_out > 0:
+            told.append(
+                f"Note: up to {self.left_out:.1%} of a row's value is left out ({', '.join(self.others)}); the weights are "
+                "those of the rest, scaled to the sum 1."
+            )
+        if self.owed:
+            told.append(
+                f"Caution: {', '.join(self.owed)} is below 0, a debt: the weights are read without it, as if the same assets "
+                "were held with no leverage."
             )
         if self.decimals == 0 and bool((self.frame == self.frame.round()).all(axis=None)):
             told.append(
@@ -70,10 +82,7 @@ class WeightsTable:
     def summary(self) -> str:
         """Return the numbers of rows and assets and the rounding, as one line."""
         precision = "full precision" if self.decimals is None else f"rounded to {decimal_places(self.decimals)}"
-        out = (
-            f"; up to {self.left_out:.1%} of a row is left out ({', '.join(self.others)})" if self.left_out > 0 else ""
-        )
-        return f"{len(self.frame)} rows of weights of {self.frame.shape[1]} assets, {precision}{out}"
+        return f"{len(self.frame)} rows of weights of {self.frame.shape[1]} assets, {precision}"
 
 
 def simple_returns(prices: pd.DataFrame) -> pd.DataFrame:

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from inscrutable.experiments.rivals import Rival
 
 _LISTED = 5
+_MOST_RISKLESS_A_YEAR = 0.3
+"""Mean riskless return a year above which rows may hold rates per year: .17 was met in the packaged months, in 1981."""
 _PAPERS_BUDGET = Budget(0.1)
 _LOGGER = logging.getLogger(__name__)
 
@@ -166,10 +168,21 @@ def sample_until(returns: pd.DataFrame, train_until: str, riskless: pd.Series | 
     if n_held < 2:
         raise InputError(f"{n_held} rows follow the training sample that ends {train_until}; need at least 2")
     base = np.zeros(n_held) if riskless is None else aligned_riskless(riskless, dates[n_training:])
-    suspicious = suspicious_entries(table)
+    suspicious = (*suspicious_entries(table), *_annual_rates(base, frequency_of(dates)))
     for each in suspicious:
         _LOGGER.warning("suspicious returns: %s", each)
     return ReturnsSample(table, base, riskless is not None, n_training, frequency_of(dates), suspicious)
+
+
+def _annual_rates(riskless: Array, rows: Frequency) -> list[str]:
+    """Return a warning where riskless returns are too large for a row, as a rate per year is."""
+    mean = float(riskless.mean())
+    if not mean * rows.per_year > _MOST_RISKLESS_A_YEAR:
+        return []
+    return [
+        f"a riskless return of {mean:.2%} a {rows.word} on average is {mean * rows.per_year:.0%} a year: a rate per year is "
+        f"divided by {rows.per_year:.0f}"
+    ]
 
 
 def checked_market(returns: pd.DataFrame, settings: BacktestSettings, riskless: pd.Series | None) -> ReturnsSample:

@@ -136,6 +136,21 @@ class InvestorModel:
         Raises:
             InputError: Columns are not the assets, a number is missing, or dates have another step than the model.
         """
+        return self._predicted(self.world, returns)
+
+    def start_counts(self, returns: pd.DataFrame) -> float:
+        """Return by how much a regime's probability after returns (T,U) depends on the belief before the first row, at most.
+
+        Each regime is taken for certain at that row in turn. Errors are those of `belief_after`.
+        """
+        world = self.world
+        ends = [
+            self._predicted(HiddenMarkovModel(world.transition, world.emission, each, names=world.names), returns)
+            for each in np.eye(len(self.regimes))
+        ]
+        return float(np.ptp(ends, axis=0).max())
+
+    def _predicted(self, world: HiddenMarkovModel, returns: pd.DataFrame) -> Array:
         word = step_of(returns.index)
         if self.step and word and word != self.step:
             raise InputError(
@@ -143,8 +158,8 @@ class InvestorModel:
             )
         places = Axis("asset", self.assets).order(tuple(returns.columns), "returns")
         rows = returns if places is None else returns.iloc[:, places]
-        known = isinstance(self.world.emission, GaussianEmission) and self.world.emission.asset_names is not None
-        return np.asarray(np.asarray(filter_beliefs(self.world, rows if known else rows.to_numpy()).predicted)[-1])
+        known = isinstance(world.emission, GaussianEmission) and world.emission.asset_names is not None
+        return np.asarray(np.asarray(filter_beliefs(world, rows if known else rows.to_numpy()).predicted)[-1])
 
     def summary(self) -> str:
         """Return two lines for a person to read."""

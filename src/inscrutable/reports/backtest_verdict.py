@@ -357,9 +357,8 @@ def cautions(result: Backtest) -> list[str]:
     if hiding and _few_others(result) and len(nothing) < len(_SEEN):
         said.append(f"Few {result.market.frequency.word}s tell whether the regime is hidden: {_few_others(result)}.")
     said += filter(None, [_poor_estimates(result)[1]])
-    who = "naive" if result.aware is None else "aware"  # of two observers the better informed one counts
-    if who not in nothing:
-        said += filter(None, [_ranked(result, name, who) for name in hiding])
+    if "aware" not in nothing:
+        said += filter(None, [_ranked(result, name) for name in hiding])
     for name in filter(lambda each: _informs(result, each), hiding):
         errors = (f"{figures[each]['error_followed']:.2f}" for each in (name, odm))
         said.append(
@@ -376,14 +375,13 @@ def cautions(result: Backtest) -> list[str]:
     return said
 
 
-def _ranked(result: Backtest, name: str, who: str) -> str:
-    """Return a caution where an observer tells regimes apart under a rule that counts as hiding from it; else nothing."""
-    if not _asked(result).is_met(_SEEN[who].reached(name, result.figures[name])):
+def _ranked(result: Backtest, name: str) -> str:
+    """Return a caution where the aware observer tells regimes apart under a rule that counts as hiding; else nothing."""
+    if result.aware is None or not _asked(result).is_met(_SEEN["aware"].reached(name, result.figures[name])):
         return ""
-    estimates = result.estimates(name) if who == "naive" else result.followed_estimates(name)
-    ranking = best_ranking(estimates.to_numpy(), result.beliefs.to_numpy())
+    ranking = best_ranking(result.followed_estimates(name).to_numpy(), result.beliefs.to_numpy())
     told = "" if ranking is None else ranking.told(result.regimes, result.market.frequency.word)
-    return told and f"{name} counts as hiding from the {who} observer, but {told}"
+    return told and f"{name} counts as hiding from the aware observer, but {told}"
 
 
 def _informs(result: Backtest, name: str) -> bool:

@@ -47,7 +47,8 @@ def paired(secrets: Any, published: Any, lags: Sequence[int], kind: Kind | None)
     """Return the complete rows; raise `InputError` where the tables disagree or too few rows are left."""
     hidden, shown = _table(secrets, "secrets"), _table(published, "published")
     notes: list[str] = []
-    hidden, shown, both = _aligned(hidden, shown, notes)
+    lags = tuple(lags)
+    hidden, shown, both = _aligned(hidden, shown, lags, notes)
     decisions = _decisions(shown, notes)
     # Sort columns by name, so that their order has no effect.
     decisions = decisions[sorted(decisions.columns, key=str)]
@@ -55,7 +56,14 @@ def paired(secrets: Any, published: Any, lags: Sequence[int], kind: Kind | None)
     features = pd.concat(read, axis=1)
     whole = hidden.notna().all(axis=1).to_numpy() & features.notna().all(axis=1).to_numpy()
     edge = max(0, *lags) + max(0, *(-lag for lag in lags))
-    _say_missing(int((both & ~whole).sum()), edge, notes)
+    if both.all() or lags == (0,):
+        _say_missing(int((both & ~whole).sum()), edge, notes)
+    else:
+        count = int(hidden.notna().any(axis=1).sum())
+        notes.append(
+            f"{count - int(whole.sum())} of {count} rows of secrets have no decision at every lag and are left out; lags count "
+            "the rows of both tables together"
+        )
     if whole.sum() < LEAST_ROWS:
         raise InputError(
             f"{int(whole.sum())} rows have a secret, a published decision and nothing missing, expected at least {LEAST_ROWS}"
@@ -102,8 +110,14 @@ def _table(value: Any, name: str) -> pd.DataFrame:
     return table.infer_objects()
 
 
-def _aligned(hidden: pd.DataFrame, shown: pd.DataFrame, notes: list[str]) -> tuple[pd.DataFrame, pd.DataFrame, Any]:
-    """Return both tables on the rows of `published`, and which of these have a partner."""
+def _aligned(
+    hidden: pd.DataFrame, shown: pd.DataFrame, lags: Sequence[int], notes: list[str]
+) -> tuple[pd.DataFrame, pd.DataFrame, Any]:
+    """Return both tables on the rows of either in order of time, and which of these are in both.
+
+    Lags count these rows, so that a row without a partner does not move the others. Labels that have no order, such as names,
+    leave the rows of `published`.
+    """
     bare = [table.index.equals(pd.RangeIndex(len(table))) for table in (hidden, shown)]
     if any(bare):
         if len(hidden) != len(shown):
@@ -132,13 +146,13 @@ def _aligned(hidden: pd.DataFrame, shown: pd.DataFrame, notes: list[str]) -> tup
         )
     for table, name in ((hidden, "secrets"), (shown, "published")):
         lost = len(table) - len(common)
-        if lost:
+        if lost and lags == (0,):
             left = next(label for label in table.index if label not in common)
             notes.append(
                 f"{lost} of {len(table)} rows of {name} have no partner, such as {label_text(left)}, and are left out"
             )
-    # Lags count rows of published, also those without a secret.
-    return hidden.reindex(shown.index), shown, shown.index.isin(common)
+    index = shown.index.union(hidden.index) if ordered else shown.index
+    return hidden.reindex(index), shown.reindex(index), index.isin(common)
 
 
 def _decisions(shown: pd.DataFrame, notes: list[str]) -> pd.DataFrame:

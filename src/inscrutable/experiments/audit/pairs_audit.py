@@ -54,7 +54,8 @@ def audit_pairs(
         secrets: One or more columns, (T,) or (T,S): numbers, or classes (text, truth values, whole numbers of at most ten
             values). Labels such as dates join the rows; without labels, both tables need the same number of rows.
         published: Decisions, (T,U): numbers, or choices in words.
-        lags: Rows from the secret to its decision: 0 the same row, 1 the next one, −1 the one before.
+        lags: Rows from the secret to its decision: 0 the same row, 1 the next one, −1 the one before, counting the rows of
+            both tables in order of time.
         embargo: Rows left out between training and test rows; None: the range of the lags plus the rows after which the
             secret's autocorrelation is below 1/e, at most half a block.
         kind: "classes" or "numbers" for all secrets; None decides by the values.

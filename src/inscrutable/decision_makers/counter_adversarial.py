@@ -16,7 +16,7 @@ from inscrutable.decision_makers.indicator_search import cheapest_by_search
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.local_search import LocalSearch, search_locally
 from inscrutable.decision_makers.original import decision_for
-from inscrutable.decision_makers.proofs.certified import MOST_CALLS, Proofs, check_provable, checked_gap
+from inscrutable.decision_makers.proofs.certified import MOST_CALLS, Proofs, checked_gap
 from inscrutable.decision_makers.results import (
     Decision,
     Decisions,
@@ -69,7 +69,7 @@ class GlobalSearch:
         object.__setattr__(self, "max_oracle_calls", validation.count(self.max_oracle_calls, "max_oracle_calls"))
 
 
-class CounterAdversarialDecisionMaker(HidingDecisionMaker):
+class CounterAdversarialDecisionMaker(HidingDecisionMaker[Decision, Decisions]):
     """The most private decision that the budget allows (CDM).
 
     Formula: max_ū Ψ(ū) over ū ∈ C with ρ(π,ū) ≤ budget; decisions that no belief explains are excluded by default.
@@ -95,7 +95,7 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
         True
     """
 
-    _shown = ("measure", "budget")
+    _prove, _stack = Proofs.single, staticmethod(stack)
 
     def __init__(
         self,
@@ -115,34 +115,8 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
             raise InputError(
                 'a local search has no direction where no belief explains the decision: on_empty="exclude"'
             )
-        self._proofs = None
-        if isinstance(self.method, GlobalSearch) and self.method.certify is not None:
-            check_provable(self.measure, on_empty)
-            self._proofs = Proofs(problem, self.budget, self.method.certify, self.method.max_oracle_calls)
-
-    def decide(self, belief: ArrayLike) -> Decision:
-        """Return the decision for one belief (X,).
-
-        Cost: about 0.15 ms for three states, up to 0.2 s for eight states and ninety actions; a local search some 0.1 s.
-        """
-        held = validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names)
-        if isinstance(self.measure, DesiredObfuscation):
-            self.measure.target_for(held)  # refuses a target for every step
-        return self._decided(held[None], None)[0]
-
-    def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> Decisions:
-        """Return the decisions for beliefs (T,X), each the one that `decide` returns; a target per step is used in turn."""
-        held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
-        return self._decided(held, progress)
-
-    def _decided(self, beliefs: Array, progress: Progress | None) -> Decisions:
-        if self._proofs is None:
-            return self._found(beliefs, progress)
-        found, proved = self._found(beliefs, None), []
-        for step, belief in counted(beliefs, progress):
-            measure = self.measure.at_step(step)
-            proved.append(self._proofs.single(belief, measure, found[step], self.between_choices))
-        return stack(proved, self.problem)
+        if isinstance(self.method, GlobalSearch):
+            self._prove_within(self.method.certify, self.method.max_oracle_calls)
 
     def _found(self, beliefs: Array, progress: Progress | None) -> Decisions:
         if isinstance(self.method, GlobalSearch):

@@ -7,20 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inscrutable import tolerances, validation
+from inscrutable import tolerances
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.counter_adversarial import (
-    best_decisions,
-    shows_nothing,
-)
+from inscrutable.decision_makers.counter_adversarial import best_decisions, shows_nothing
 from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme
 from inscrutable.decision_makers.hiding import Case, HidingDecisionMaker
 from inscrutable.decision_makers.indicator_search import cheapest_by_search
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.original import decision_for
-from inscrutable.decision_makers.proofs.certified import Proofs, check_provable, checked_gap
+from inscrutable.decision_makers.proofs.certified import Proofs, checked_gap
 from inscrutable.decision_makers.results import (
     Decision,
     Decisions,
@@ -36,7 +33,7 @@ from inscrutable.decision_makers.scores import Scores, score, with_extra
 from inscrutable.decision_makers.search.lottery_search import best_lotteries
 from inscrutable.decision_makers.search.region_search import Best, SearchSpace, best_in_regions, farthest_corners
 from inscrutable.kernels.regions import UNKNOWN
-from inscrutable.privacy import DesiredObfuscation, PrivacyMeasure
+from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -65,7 +62,7 @@ class LinearProgramme:
     """
 
 
-class ProbabilisticDecisionMaker(HidingDecisionMaker):
+class ProbabilisticDecisionMaker(HidingDecisionMaker[MixedDecision, MixedDecisions]):
     """The lottery of largest expected privacy that the budget allows in expectation (PDM).
 
     Formula: max_p Σ p_l Ψ(ū_l) with Σ p_l ρ(π,ū_l) ≤ budget, Σ p_l = 1, p ≥ 0.
@@ -92,7 +89,7 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
         True
     """
 
-    _shown = ("measure", "budget")
+    _prove, _stack = Proofs.lottery, staticmethod(stack_mixed)
 
     def __init__(
         self,
@@ -107,32 +104,7 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
     ) -> None:
         super().__init__(problem, measure, budget, candidates, on_empty)
         self.method = checked_choice(method, "method", (Envelope, LinearProgramme))
-        gap = checked_gap(certify)
-        self._proofs = None
-        if gap is not None:
-            check_provable(self.measure, on_empty)
-            self._proofs = Proofs(problem, self.budget, gap)
-
-    def decide(self, belief: ArrayLike) -> MixedDecision:
-        """Return the lottery for one belief (X,)."""
-        held = validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names)
-        if isinstance(self.measure, DesiredObfuscation):
-            self.measure.target_for(held)  # refuses a target for every step
-        return self._decided(held[None], None)[0]
-
-    def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> MixedDecisions:
-        """Return the lotteries for beliefs (T,X), each the one that `decide` returns; a target per step is used in turn."""
-        held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
-        return self._decided(held, progress)
-
-    def _decided(self, beliefs: Array, progress: Progress | None) -> MixedDecisions:
-        if self._proofs is None:
-            return self._found(beliefs, progress)
-        found, proved = self._found(beliefs, None), []
-        for step, belief in counted(beliefs, progress):
-            measure = self.measure.at_step(step)
-            proved.append(self._proofs.lottery(belief, measure, found[step], self.between_choices))
-        return stack_mixed(proved, self.problem)
+        self._prove_within(checked_gap(certify))
 
     def _found(self, beliefs: Array, progress: Progress | None) -> MixedDecisions:
         case, envelope = self.case, isinstance(self.method, Envelope)

@@ -280,28 +280,13 @@ def _ask_for_freed(regions: Any, number: int, aim: Any, basis: Any, w: Any, t: i
 
 
 @inlined
-def _ask_beyond_all(regions: Any, number: int, t: int, search: Any) -> None:
-    """Ask for the regions beyond all tight rows: none has a multiplier of its own."""
-    for r in range(regions.n_observable[number]):
-        _ask(regions, number, regions.observable[number, r], BEST, t, search)
-
-
-@inlined
-def _next(reached: Any, t: int) -> int:
-    """The entry of largest potential that is not expanded yet; −1 where there is none."""
-    e, potential = -1, reached.optima.potential[t]
-    for other in range(reached.count[t]):
-        if not reached.expanded[t, other] and (e < 0 or potential[other] > potential[e]):
-            e = other
-    return e
-
-
-@inlined
 def _ask_around(regions: Any, aim: Any, basis: Any, t: int, search: Any) -> None:
-    """Ask for the neighbours of the best region not searched yet; nothing is asked where the search has ended."""
+    """Ask for the neighbours of the region of largest potential not expanded yet; where there is none the search has ended."""
     reached, turn = search
-    found = reached.optima
-    e = _next(reached, t)
+    found, e = reached.optima, -1
+    for other in range(reached.count[t]):
+        if not reached.expanded[t, other] and (e < 0 or found.potential[t, other] > found.potential[t, e]):
+            e = other
     if e < 0:
         reached.stage[t] = ENDED
         return
@@ -317,8 +302,9 @@ def _ask_around(regions: Any, aim: Any, basis: Any, t: int, search: Any) -> None
         nearest = turn.decoys[BEST]
         put(found.nearest[t, e], nearest)
         decision_in(regions, number, w, turn.actions[BEST])
-        if not has_multipliers(regions, number, n_states):
-            _ask_beyond_all(regions, number, t, search)
+        if not has_multipliers(regions, number, n_states):  # no tight row has one of its own
+            for r in range(regions.n_observable[number]):
+                _ask(regions, number, regions.observable[number, r], BEST, t, search)
         elif not is_point and not is_set:
             _ask_for_freed(regions, number, aim, basis, w, t, search)
         _ask_at_corner(regions, number, w, nearest, BEST, t, search)

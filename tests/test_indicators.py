@@ -25,7 +25,7 @@ from inscrutable import (
 )
 from inscrutable.adversaries.plausibility import nearest_explanation
 from inscrutable.decision_makers.candidate_sources import near_decoys
-from inscrutable.decision_makers.indicators import Indicator, IndicatorTable
+from inscrutable.decision_makers.indicators import Indicator, cheapest_candidates
 from inscrutable.geometry import BeliefSet
 from oracles import markets
 from sizes import some
@@ -145,15 +145,15 @@ def test_a_gap_is_compared_with_a_margin_as_it_is_computed(margin):
 
 
 @pytest.mark.parametrize("measure", [NonUniqueness(), NonExistence(), NonExistence(0.3), Infeasibility(1e-3)], ids=repr)
-def test_the_scan_finds_the_cheapest_candidate_by_enumeration(measure):
+def test_the_search_begins_at_the_cheapest_candidate_by_enumeration(measure):
     problem = problem_of("plain")
     rng = np.random.default_rng(11)
     candidates = decoy_grid(problem, 6).joined(random_candidates(problem, 30, rng=rng))
-    table = IndicatorTable(Indicator(problem, measure), candidates)
+    goal = Indicator(problem, measure)
     beliefs = beliefs_of(3)
     optimal = problem.optimal_cost(beliefs)
     for limit in (np.inf, 0.3, 0.003):
-        found = table.cheapest(beliefs, optimal, np.full(len(beliefs), limit))
+        numbers, reached = cheapest_candidates(goal, candidates, beliefs, optimal, np.full(len(beliefs), limit))
         for step, belief in enumerate(beliefs):
             regrets = candidates.state_costs @ belief - optimal[step]
             meets = [
@@ -162,10 +162,10 @@ def test_the_scan_finds_the_cheapest_candidate_by_enumeration(measure):
             ]
             allowed = regrets[np.array(meets) & (regrets <= limit)]
             if not allowed.size:
-                assert found.found[step] == -1
+                assert numbers[step] == -1
                 continue
-            assert found.regrets[step] == pytest.approx(max(allowed.min(), 0.0), abs=1e-14)
-            assert meets[table.number[found.found[step]]]
+            assert reached[step] == pytest.approx(max(allowed.min(), 0.0), abs=1e-14)
+            assert meets[numbers[step]]
 
 
 @pytest.mark.parametrize("measure", [NonUniqueness(), NonExistence(), Infeasibility()], ids=repr)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import reduce
 
 import numpy as np
 from scipy.linalg import orth
@@ -70,6 +71,11 @@ class ConsistentSets:
         for first in np.unique(self.distinct[larger]):
             distances[larger[self.distinct[larger] == first]] = self[int(first)].distance(belief)
         return distances
+
+    def apart(self, beliefs: Array) -> Array:
+        """Return the largest |z_i − π_i| of the ends z of every set from one belief (X,), or from one each (M,X)."""
+        columns = (np.abs(end[:, i] - beliefs[..., i]) for end in (self.start, self.end) for i in range(end.shape[1]))
+        return np.asarray(reduce(np.maximum, columns))
 
     def bounds(self, belief: Array) -> Array:
         """Return upper bounds of the distances: exact for points and segments, the distance to one member for larger sets."""

@@ -14,7 +14,7 @@ from inscrutable.adversaries.consistent_sets import LARGER
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.hiding import Case
-from inscrutable.decision_makers.indicators import Block, Indicator, IndicatorTable, cheaper, table_of
+from inscrutable.decision_makers.indicators import Block, Indicator, cheaper, cheapest_candidates
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.results import (
     Decision,
@@ -32,7 +32,7 @@ from inscrutable.privacy import MaximalObfuscation
 from inscrutable.problems import DecisionProblem, LinearForm, quadratic_problem
 from inscrutable.validation import Array
 
-_CHUNK = 64
+_CHUNK = 256
 _OWN, _POLISHED, _CANDIDATE, _NOTHING = range(4)
 
 
@@ -47,22 +47,6 @@ class IndicatorResult:
     regrets: Array  # (T,)
     decoys: Array  # (T,X)
     source: np.ndarray  # (T,)
-
-    @property
-    def is_optimal(self) -> np.ndarray:
-        """Whether the optimal decision itself meets the goal (T,)."""
-        return np.asarray(self.source == _OWN)
-
-    @property
-    def is_met(self) -> np.ndarray:
-        """Whether the goal is met (T,)."""
-        return np.asarray(self.source != _NOTHING)
-
-    def improve(self, step: int, decision: Decision) -> None:
-        """Replace the decision of one belief by a cheaper one."""
-        self.actions[step], self.regrets[step] = self.problem.as_points(decision.action), decision.regret
-        self.decoys[step] = central_members(self.problem, self.actions[step : step + 1])[0]
-        self.source[step] = _POLISHED
 
     def decisions(self) -> Decisions:
         """Return single decisions."""
@@ -91,7 +75,7 @@ class IndicatorResult:
 def cheapest_by_scan(case: Case, beliefs: Array, progress: Progress | None = None) -> IndicatorResult:
     """Return the cheapest decisions of beliefs (T,X) that meet the goal, in chunks on all cores."""
     count, n_states = beliefs.shape
-    table = table_of(case.problem, case.measure, case.candidates, case.on_empty)
+    goal = Indicator(case.problem, case.measure, case.on_empty)
     result = IndicatorResult(
         case.problem,
         beliefs,
@@ -103,9 +87,9 @@ def cheapest_by_scan(case: Case, beliefs: Array, progress: Progress | None = Non
     )
 
     def work(first: int, last: int) -> None:
-        _fill(case, table, result, slice(first, last))
+        _fill(case, goal, result, slice(first, last))
 
-    if not table.goal.compares_gaps:
+    if not goal.compares_gaps:
         in_chunks(work, count, _CHUNK, progress)
         return result
     # Comparing gaps holds the interpreter's lock: threads would only wait for one another.
@@ -117,8 +101,8 @@ def cheapest_by_scan(case: Case, beliefs: Array, progress: Progress | None = Non
     return result
 
 
-def _fill(case: Case, table: IndicatorTable, result: IndicatorResult, part: slice) -> None:
-    problem, goal, beliefs = case.problem, table.goal, np.ascontiguousarray(result.beliefs[part])
+def _fill(case: Case, goal: Indicator, result: IndicatorResult, part: slice) -> None:
+    problem, beliefs = case.problem, np.ascontiguousarray(result.beliefs[part])
     optimal = problem.solve_points(beliefs)
     optimal_costs = (problem.state_costs(optimal) * beliefs).sum(axis=1)
     limits = case.budget.limits(optimal_costs)
@@ -127,22 +111,23 @@ def _fill(case: Case, table: IndicatorTable, result: IndicatorResult, part: slic
         met[:] = False
     source = np.where(met, _OWN, _NOTHING)
     actions, regrets = optimal.copy(), np.zeros(len(beliefs))
-    others = np.flatnonzero(~met)
-    cheapest = table.cheapest(beliefs[others], optimal_costs[others], limits[others])
-    found = np.flatnonzero(cheapest.found >= 0)
+    others, sets = np.flatnonzero(~met), case.candidates.sets
+    numbers, paid = cheapest_candidates(goal, case.candidates, beliefs[others], optimal_costs[others], limits[others])
+    found = np.flatnonzero(numbers >= 0)
     if found.size:
-        chosen, which = table.number[cheapest.found[found]], others[found]
-        sets, candidates = case.candidates.sets, case.candidates.actions[chosen]
+        chosen, paid, which = numbers[found], paid[found], others[found]
+        candidates = case.candidates.actions[chosen]
         block = Block(beliefs[which], optimal[which], optimal_costs[which], sets.start[chosen],
                       sets.dimension[chosen] >= 0, candidates)  # fmt: skip
         # A finite problem has no decisions between its choices.
-        polished = candidates if problem.is_discrete else cheaper(goal, block, table.starts)
+        members = None if goal.measure.least_distance() is None else sets.start[sets.dimension >= 0]
+        polished = candidates if problem.is_discrete else cheaper(goal, block, members)
         costs = (problem.state_costs(polished) * beliefs[which]).sum(axis=1)
         reached = np.maximum(costs - optimal_costs[which], 0.0)
-        better = reached < cheapest.regrets[found]
+        better = reached < paid
         source[which] = np.where(better, _POLISHED, _CANDIDATE)
         actions[which] = np.where(better[:, None], polished, candidates)
-        regrets[which] = np.where(better, reached, cheapest.regrets[found])
+        regrets[which] = np.where(better, reached, paid)
     linear = problem.linear_form()
     if goal.compares_gaps and linear is not None and linear.lift is None and not problem.is_discrete:
         for t in others:
@@ -214,11 +199,15 @@ def cheapest_by_search(case: Case, beliefs: Array, best: Search, progress: Progr
         return cheapest_by_scan(case, beliefs, progress)
     found = cheapest_by_scan(case, beliefs)
     for step, belief in counted(beliefs, progress):
-        if not found.is_optimal[step]:
-            most = found.regrets[step] if found.is_met[step] else case.budget.limit(found.optimal_costs[step])
-            other = cheapest_keeping_distance(case, belief, best, float(most), distance)
-            if other is not None and case.measure(belief, belief_set_of(case.problem, other.action)) == 0.0:
-                found.improve(step, other)
+        if found.source[step] == _OWN:
+            continue
+        limit = case.budget.limit(found.optimal_costs[step])
+        most = limit if found.source[step] == _NOTHING else found.regrets[step]
+        other = cheapest_keeping_distance(case, belief, best, float(most), distance)
+        if other is not None and case.measure(belief, belief_set_of(case.problem, other.action)) == 0.0:
+            action = case.problem.as_points(other.action)
+            found.actions[step], found.regrets[step], found.source[step] = action, other.regret, _POLISHED
+            found.decoys[step] = central_members(case.problem, action[None])[0]
     return found
 
 

@@ -1,8 +1,9 @@
 """The cheapest decision that meets an indicator measure (a, b, c), a goal that is met or missed, for many beliefs in one pass.
 
 Whether a candidate meets (a) does not depend on the belief; for (b) and (c) the ends of its consistent set decide.
-So one scan per belief finds the cheapest candidate that does. Two searches then lower its regret: toward the optimal decision
-as far as the goal allows, and around the belief in the cheapest direction. The beliefs of a block take each step together.
+So one look at all candidates finds the cheapest that does, belief by belief. Two searches then lower its regret: toward the
+optimal decision as far as the goal allows, and around the belief in the cheapest direction; here the
+beliefs of a block take each step together.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from inscrutable import tolerances
 from inscrutable.adversaries import ConsistentSets, consistent_sets
 from inscrutable.adversaries.plausibility import gap_compared, nearest_explanation
 from inscrutable.decision_makers.candidates import Candidates, distinct_of
+from inscrutable.decision_makers.envelope import RatedPoints
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
 from inscrutable.geometry.crossings import Bracket, narrowed, side
@@ -24,15 +26,8 @@ from inscrutable.validation import Array
 
 
 def is_streamed(measure: PrivacyMeasure) -> bool:
-    """Whether the measure is one of the three that the scan computes; a user's own measure is called set by set."""
+    """Whether the measure is one of the paper's three, known of all candidates at once; a user's own is called set by set."""
     return type(measure) in (Infeasibility, NonUniqueness, NonExistence)
-
-
-class Cheapest(NamedTuple):
-    """For beliefs (T,X), the number of the cheapest decision in the table (−1: none) and its regret."""
-
-    found: np.ndarray  # (T,)
-    regrets: Array  # (T,)
 
 
 class Indicator:
@@ -77,8 +72,7 @@ class Indicator:
         return np.asarray(tolerances.FEASIBILITY * np.abs(costs).max(axis=-1))
 
     def _by_corners(self, beliefs: Array, sets: ConsistentSets) -> np.ndarray:
-        apart = np.maximum(np.abs(sets.start - beliefs).max(axis=1), np.abs(sets.end - beliefs).max(axis=1))
-        met = (sets.dimension >= 0) & (apart > self.least)
+        met = (sets.dimension >= 0) & (sets.apart(beliefs) > self.least)
         for t in np.flatnonzero(sets.dimension >= 2):
             met[t] = self.measure(beliefs[t], sets[int(t)]) == 0.0
         return np.asarray(met)
@@ -93,66 +87,43 @@ class Indicator:
         return gap_compared(self.problem, action, self.margin) >= self.margin
 
 
-class IndicatorTable:
-    """The distinct admissible candidates that can meet a goal, as the scan reads them; `number` says which each one is."""
+class _Rated(RatedPoints):
+    """The distinct admissible candidates under one belief, worth 0 where they meet a goal and −∞ where not."""
 
-    def __init__(self, goal: Indicator, candidates: Candidates) -> None:
-        from inscrutable.kernels import indicators as kernel
+    def __init__(self, goal: Indicator, candidates: Candidates, belief: Array, optimal_cost: float) -> None:
+        self._goal, self._candidates, self._belief = goal, candidates, belief
+        table = distinct_of(candidates)
+        self.number, kinds = table.number, table.kind
+        self.regrets = np.maximum(table.costs @ belief - optimal_cost, 0.0)
+        self.privacies, self.exact = np.zeros(len(kinds)), np.zeros(len(kinds), dtype=bool)
+        if goal.rule is not None:
+            self.privacies, self.exact = (part[self.number] for part in goal.measure.values(belief, candidates.sets))
+        if goal.rule is NonExistence:
+            self.exact &= (kinds < 0) | (self.regrets > goal.slack(table.costs))
 
-        sets, table = candidates.sets, distinct_of(candidates)
-        if goal.rule is Infeasibility:
-            table = table.pick(np.flatnonzero(table.kind < 0))
-        self.goal, self._sets, self.number = goal, sets, table.number
-        self._arrays = table.costs, table.start, table.along
-        self._never, self._larger = kernel.NEVER, kernel.LARGER
-        self._kind = (
-            np.full(len(table.kind), self._larger, table.kind.dtype) if goal.rule is None else table.kind.copy()
-        )
-        self._proved = np.zeros(len(self.number), dtype=bool)
-        self._scan = kernel.cheapest_that_meet
-        rules: dict[type | None, int] = {Infeasibility: kernel.BY_EMPTINESS, NonExistence: kernel.BY_DISTANCE}
-        self.starts = sets.start[sets.dimension >= 0] if goal.measure.least_distance() is not None else None
-        self._rule = rules.get(goal.rule, kernel.BY_CORNERS), goal.least
-
-    def cheapest(self, beliefs: Array, optimal_costs: Array, limits: Array) -> Cheapest:
-        """Return the cheapest candidates that meet the goal under beliefs (T,X) at regrets of at most `limits` (T,)."""
-        count = len(beliefs)
-        answer = Cheapest(np.full(count, -1), np.full(count, np.inf))
-        floors = np.full(count, -1.0)
-        left = np.arange(count)
-        while left.size:
-            found, regrets = answer.found[left], np.empty(left.size)
-            asked = (beliefs[left], optimal_costs[left], limits[left], floors[left])
-            self._scan(self._arrays, self._kind, self._rule, asked, (found, regrets))
-            answer.found[left], answer.regrets[left], floors[left] = found, regrets, regrets
-            again = zip(left, found, regrets, strict=True)
-            left = left[[d >= 0 and not self._holds(beliefs[t], int(d), float(regret)) for t, d, regret in again]]
-        return answer
-
-    def _holds(self, belief: Array, d: int, regret: float) -> bool:
-        """Whether a decision that passes the scan meets the goal; answers that hold for all beliefs are kept."""
-        if self._proved[d]:
-            return True
-        if self.goal.compares_gaps:
-            self._proved[d] = self.goal.gap_reaches(self._sets.actions[self.number[d]])
-            if not self._proved[d]:
-                self._kind[d] = self._never
-            return bool(self._proved[d])
-        if self.goal.rule is NonExistence and regret <= self.goal.slack(self._arrays[0][d]) and self._kind[d] >= 0:
-            return self.goal.judges(belief, self._sets[int(self.number[d])])
-        if self._kind[d] < self._larger:
-            return True
-        return self.goal.judges(belief, self._sets[int(self.number[d])])
+    def refine(self, place: int) -> None:
+        """Judge a candidate by its set; whether its gap reaches a margin holds for all beliefs and is kept."""
+        goal, number = self._goal, int(self.number[place])
+        if goal.compares_gaps:
+            key = ("gap", goal.margin, number)
+            met = self._candidates.once(key, lambda: goal.gap_reaches(self._candidates.actions[number]))
+        else:
+            met = goal.judges(self._belief, self._candidates.sets[number])
+        self.privacies[place], self.exact[place] = 0.0 if met else -np.inf, True
 
 
-def table_of(
-    problem: DecisionProblem, measure: PrivacyMeasure, candidates: Candidates, on_empty: str = "exclude"
-) -> IndicatorTable:
-    """Return the table of a goal; that of a known one is kept with the candidates."""
-    goal = Indicator(problem, measure, on_empty)
-    if goal.rule is None:
-        return IndicatorTable(goal, candidates)
-    return candidates.once((goal.rule, goal.margin), lambda: IndicatorTable(goal, candidates))
+def cheapest_candidates(
+    goal: Indicator, candidates: Candidates, beliefs: Array, optimal_costs: Array, limits: Array
+) -> tuple[np.ndarray, Array]:
+    """Return the numbers (n,) of the cheapest candidates that meet a goal under beliefs (n,X) at regrets of at most `limits`
+    (n,), −1 where there is none, and their regrets."""
+    numbers, regrets = np.full(len(beliefs), -1), np.full(len(beliefs), np.inf)
+    for t, belief in enumerate(beliefs):
+        rated = _Rated(goal, candidates, belief, optimal_costs[t])
+        place = rated.best(limits[t])
+        if place is not None:
+            numbers[t], regrets[t] = rated.number[place], rated.regrets[place]
+    return numbers, regrets
 
 
 _DIRECTIONS = 100

@@ -277,8 +277,7 @@ class NonUniqueness(PrivacyMeasure):
 
     def values(self, belief: Array, sets: ConsistentSets) -> Values:
         """Return 0 or −∞ for many decisions."""
-        apart = np.maximum(np.abs(sets.start - belief).max(axis=1), np.abs(sets.end - belief).max(axis=1))
-        other = (sets.dimension >= 2) | ((sets.dimension >= 0) & (apart > tolerances.SAME_BELIEF))
+        other = (sets.dimension >= 2) | ((sets.dimension >= 0) & (sets.apart(belief) > tolerances.SAME_BELIEF))
         return Values(np.where(other, 0.0, -np.inf), sets.dimension < 2)
 
 

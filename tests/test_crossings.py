@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inscrutable.decision_makers.search.goal import Allowance
+from inscrutable.decision_makers.search.goal import Goal
 from inscrutable.geometry.crossings import Bracket, farthest, first_met, narrowed
 from inscrutable.problems import FiniteProblem, MarkowitzProblem
 
@@ -54,7 +54,7 @@ def test_steps_end_where_the_quadratic_cost_does(fresh_rng):
     belief, start = np.ones(1), problem.solve([1.0])
     limit = 10.0 ** fresh_rng.uniform(-6, -1)
     steps = np.vstack([fresh_rng.dirichlet(np.ones(4), 8) - start, np.zeros(4)])
-    allowed = Allowance(problem, belief, limit, float(problem.state_costs(start) @ belief))
+    allowed = Goal(problem, belief, limit, float(problem.state_costs(start) @ belief))
     shares = allowed.along_steps(start, steps, 1e-9)
     bend = np.einsum("nu,uv,nv->n", steps, problem.hessians[0], steps) / 2.0
     lean = steps @ problem.cost_gradients(start)[0]
@@ -69,7 +69,7 @@ def test_rays_end_at_a_leap_and_at_once_without_a_budget():
     belief, ends = np.array([0.6, 0.4]), np.array([[0.0, 1.0], [1.0, 0.0]])
     optimal = problem.solve_points(belief)
     for limit in (0.0, 0.1):
-        allowed = Allowance(problem, belief, limit, 0.4)
+        allowed = Goal(problem, belief, limit, 0.4)
         shares, decisions = allowed.along_rays(optimal, ends, 1e-2)
         assert np.all(allowed.regrets(decisions) <= limit + 1e-15)
         assert shares[1] == 1.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -12,20 +12,29 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
 from inscrutable.geometry.crossings import farthest
-from inscrutable.privacy import PrivacyMeasure
+from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
 from inscrutable.privacy.measures import Reference
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 
+class Judgement(NamedTuple):
+    """Privacy, regret and admissibility of decisions (n,U)."""
+
+    privacies: Array  # (n,): −∞ outside the feasible set or, where that matters, where no belief explains the decision
+    regrets: Array  # (n,): not cut off at zero; ∞ where a decision is not finite
+    admissible: np.ndarray  # (n,)
+
+
 @dataclass(frozen=True)
-class Allowance:
-    """A problem, a belief and an allowed regret."""
+class Goal:
+    """A problem, a belief, an allowed regret, and a privacy to make large."""
 
     problem: DecisionProblem
     belief: Array
     limit: float
     optimal_cost: float
+    measure: PrivacyMeasure = field(default_factory=MaximalObfuscation)
 
     def regrets(self, actions: Array) -> Array:
         """Return ρ(π,u) of decisions (…,U), not cut off at zero."""
@@ -74,21 +83,6 @@ class Allowance:
         regrets = self.regrets(actions)
         roots = np.sqrt(np.maximum(regrets, 0.0)) + np.sqrt(self.limit)
         return np.asarray((regrets - self.limit) / np.maximum(roots, tolerances.TINY))
-
-
-class Judgement(NamedTuple):
-    """Privacy, regret and admissibility of decisions (n,U)."""
-
-    privacies: Array  # (n,): −∞ outside the feasible set or, where that matters, where no belief explains the decision
-    regrets: Array  # (n,): not cut off at zero; ∞ where a decision is not finite
-    admissible: np.ndarray  # (n,)
-
-
-@dataclass(frozen=True)
-class Goal(Allowance):
-    """The same with a privacy to make large."""
-
-    measure: PrivacyMeasure
 
     @cached_property
     def reference(self) -> Reference:

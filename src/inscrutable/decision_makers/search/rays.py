@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.search.goal import Allowance, Goal
+from inscrutable.decision_makers.search.goal import Goal
 from inscrutable.geometry import simplex_grid
 from inscrutable.geometry.grids import resolution_for
 from inscrutable.problems import DecisionProblem
@@ -34,8 +34,8 @@ def _fixed_targets(n_states: int) -> Array:
 def farthest_decoys(problem: DecisionProblem, belief: Array, limit: float) -> tuple[Array, Array]:
     """Return the farthest decoys (D,X) on rays from the belief whose regret is within `limit`, and their decisions (D,U)."""
     ends, optimal = ray_ends(belief), problem.solve_points(belief)
-    allowed = Allowance(problem, belief, limit, float(problem.state_costs(optimal) @ belief))
-    shares, decisions = allowed.along_rays(optimal, ends, tolerances.RAY_END)
+    goal = Goal(problem, belief, limit, float(problem.state_costs(optimal) @ belief))
+    shares, decisions = goal.along_rays(optimal, ends, tolerances.RAY_END)
     return belief + shares[:, None] * (ends - belief), decisions
 
 

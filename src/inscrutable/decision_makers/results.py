@@ -17,7 +17,7 @@ from inscrutable.decision_makers.statuses import DecisionStatus as DecisionStatu
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
 from inscrutable.problems import DecisionProblem
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 
@@ -104,6 +104,14 @@ def expected(probabilities: Array, values: Array) -> Array:
     return total
 
 
+class _Result(Summarised, Saved):
+    """A result that says where its numbers were read from a file."""
+
+    def __repr__(self) -> str:
+        note = "\nread from a file: its sums agree; privacies were not judged again, as a file holds neither problem nor belief"
+        return self.summary() + (note if self.is_loaded else "")
+
+
 Progress = Callable[[int, int], None]
 """Called with (steps done, steps in all) in long runs."""
 
@@ -112,7 +120,7 @@ _MOST_SHOWN = 12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Decision(Saved):
+class Decision(_Result):
     """One decision, its regret, and the beliefs that explain it.
 
     Args:
@@ -174,9 +182,6 @@ class Decision(Saved):
         check_loaded(stack([found], None).table, parts)
         return found
 
-    def __repr__(self) -> str:
-        return _printed(self)
-
     def summary(self) -> str:
         """Return a few lines for a person to read."""
         share = f" ({self.regret / abs(self.optimal_cost):.1%} of |c*|)" if self.optimal_cost else ""
@@ -192,7 +197,7 @@ class Decision(Saved):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MixedDecision(Saved):
+class MixedDecision(_Result):
     """A lottery, or randomised decision: draw one with `sample`.
 
     Args:
@@ -275,9 +280,6 @@ class MixedDecision(Saved):
         check_loaded(stack_mixed([found], None).table, parts)
         return found
 
-    def __repr__(self) -> str:
-        return _printed(self)
-
     def summary(self) -> str:
         """Return a few lines for a person to read."""
         lines = [
@@ -306,7 +308,7 @@ def _column(name: str, *which: int) -> Any:
     )
 
 
-class _Many(Saved):
+class _Many(_Result):
     """The rows of a table, and what all have."""
 
     _saved: ClassVar[tuple[str, ...]] = ("optimal_cost", "privacy_bound", "status", "price", "oracle_calls")
@@ -373,9 +375,6 @@ class Decisions(_Many):
         """Π(ū) of every step, made at first use."""
         return tuple(_set_of(self.table.problem, action) for action in self.action)
 
-    def __repr__(self) -> str:
-        return _printed(self)
-
     def summary(self) -> str:
         """Return a few lines for a person to read."""
         return self._summary("decisions", "")
@@ -421,9 +420,6 @@ class MixedDecisions(_Many):
         return cls(
             _read(parts, *(parts[name] for name in ("probabilities", "regrets", "privacies", "decoys", "actions")))
         )
-
-    def __repr__(self) -> str:
-        return _printed(self)
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""
@@ -510,11 +506,6 @@ def _table(decisions: Sequence[Any], problem: DecisionProblem | None, actions: A
     optimal_cost, bound, status, price, calls = ([getattr(each, name) for each in decisions] for name in names)
     rest: Any = (*columns, np.array(optimal_cost), np.array(bound), tuple(status), np.array(price), np.array(calls))
     return ResultTable(problem, points, *rest)
-
-
-def _printed(result: Decision | MixedDecision | Decisions | MixedDecisions) -> str:
-    note = "\nread from a file: its sums agree; privacies were not judged again, as a file holds neither problem nor belief"
-    return result.summary() + (note if result.is_loaded else "")
 
 
 def counted(beliefs: Array, progress: Progress | None) -> Iterator[tuple[int, Array]]:

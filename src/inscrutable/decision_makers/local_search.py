@@ -204,15 +204,10 @@ class _Descent:
         self._rule_slopes[0] = self._watched.slope(trials[0]) @ self._free / -self._scale
         self._key = key
 
-    def loss(self, v: Array) -> float:
-        """Return the loss."""
+    def loss(self, v: Array) -> tuple[float, Array]:
+        """Return the loss, and its gradient by forward differences."""
         self._look(v)
-        return self._loss
-
-    def slope(self, v: Array) -> Array:
-        """Return its gradient by forward differences."""
-        self._look(v)
-        return self._slope
+        return self._loss, self._slope
 
     def rules(self, v: Array) -> Array:
         """Return what is left of the budget, as a share of it, and the slack of every row."""
@@ -229,4 +224,4 @@ def _run(watched: _Watched, start: Array) -> None:
     descent = _Descent(watched, start)
     rules: Any = {"type": "ineq", "fun": descent.rules, "jac": descent.rule_slopes}
     origin = np.zeros(watched.free.shape[1])
-    minimize(descent.loss, origin, jac=descent.slope, method="SLSQP", constraints=rules)
+    minimize(descent.loss, origin, jac=True, method="SLSQP", constraints=rules)

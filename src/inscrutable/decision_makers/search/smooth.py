@@ -130,7 +130,7 @@ def polish(goal: Goal, scores: Scores) -> Trial | None:
     on_rays: list[Start] = []
     others = []
     for start in _starts(goal, scores):
-        free = _free_directions(goal, start)
+        free = _free_directions(goal, start.tight)
         if _goes_on_rays(goal, free):
             on_rays.append(start)
         else:
@@ -184,8 +184,7 @@ def _leaving(goal: Goal) -> list[Start]:
     for row in np.flatnonzero(tight):
         others = tight.copy()
         others[row] = False
-        normals = np.vstack([region.A_ub[others], region.A_eq])
-        free = null_space(normals, rcond=tolerances.ON_FACE) if len(normals) else np.eye(region.n_actions)
+        free = _free_directions(goal, others)
         inward = -free @ (free.T @ region.A_ub[row])
         speed = -float(region.A_ub[row] @ inward)
         if speed <= tolerances.ON_FACE:
@@ -195,11 +194,11 @@ def _leaving(goal: Goal) -> list[Start]:
     return starts
 
 
-def _free_directions(goal: Goal, start: Start) -> Array:
-    """An orthonormal basis (U,k) of the directions on the face of a start."""
+def _free_directions(goal: Goal, tight: np.ndarray) -> Array:
+    """An orthonormal basis (U,k) of the directions on the face with these tight rows."""
     region = goal.problem.constraints
-    normals = np.vstack([region.A_ub[start.tight], region.A_eq])
-    return null_space(normals, rcond=tolerances.ON_FACE) if len(normals) else np.eye(start.action.size)
+    normals = np.vstack([region.A_ub[tight], region.A_eq])
+    return null_space(normals, rcond=tolerances.ON_FACE) if len(normals) else np.eye(region.n_actions)
 
 
 def _goes_on_rays(goal: Goal, free: Array) -> bool:

@@ -24,14 +24,7 @@ from inscrutable.kernels.region_climb import (
     climb_room,
     search_sets,
 )
-from inscrutable.kernels.regions import (
-    UNKNOWN,
-    decision_in,
-    face_of,
-    has_multipliers,
-    locate,
-    rows_of,
-)
+from inscrutable.kernels.regions import UNKNOWN, decision_in, face_of, has_multipliers, locate
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 from inscrutable.tolerances import POLISH, ROW_IN_REACH
 
@@ -244,7 +237,7 @@ def _ask(regions: Any, number: int, row: int, source: int, t: int, search: Any) 
 def _ask_at_corner(regions: Any, number: int, w: Any, belief: Any, source: int, t: int, search: Any) -> None:
     """Ask for the regions beyond the rows whose multiplier or slack is zero at a decision and a belief that explains it."""
     n_states, first = belief.size, regions.n_set_rows[number]
-    rows = rows_of(regions, number, n_states)
+    rows = face_of(regions, number, n_states).rows
     if has_multipliers(regions, number, n_states):
         for r in range(regions.n_observable[number]):
             if row_value(rows[n_states + r], belief, w) <= ROW_IN_REACH:

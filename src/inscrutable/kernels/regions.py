@@ -36,30 +36,13 @@ class Regions(NamedTuple):
 
 
 @inlined
-def curves_of(regions: Any, number: int, n_states: int) -> Any:
-    """The costs (X, k+1, k+1) of a region."""
-    k = regions.size[number] + 1
-    first = regions.curve_at[number]
-    return regions.curves[first : first + n_states * k * k].reshape((n_states, k, k))
-
-
-@inlined
-def rows_of(regions: Any, number: int, n_states: int) -> Any:
-    """The rows (m, X, k+1) of a region."""
-    k, m = regions.size[number] + 1, regions.n_rows[number]
-    first = regions.row_at[number]
-    return regions.rows[first : first + m * n_states * k].reshape((m, n_states, k))
-
-
-@inlined
 def face_of(regions: Any, number: int, n_states: int) -> Face:
-    """Costs and rows of a region."""
-    return Face(
-        curves_of(regions, number, n_states),
-        rows_of(regions, number, n_states),
-        regions.n_set_rows[number],
-        regions.scale[number],
-    )
+    """Costs (X, k+1, k+1) and rows (m, X, k+1) of a region."""
+    k, m = regions.size[number] + 1, regions.n_rows[number]
+    first, start = regions.curve_at[number], regions.row_at[number]
+    curves = regions.curves[first : first + n_states * k * k].reshape((n_states, k, k))
+    rows = regions.rows[start : start + m * n_states * k].reshape((m, n_states, k))
+    return Face(curves, rows, regions.n_set_rows[number], regions.scale[number])
 
 
 @inlined

@@ -46,13 +46,12 @@ def move_to_cheapest(face: Any, aim: Any, w: Any) -> None:
 
 
 @inlined
-def _interval(face: Any, aim: Any, w: Any, direction: Any, limit: float) -> tuple[float, float]:
-    """The steps along `direction` (k,) that all slacks and the budget allow; empty where the first exceeds the second.
+def _interval(face: Any, w: Any, direction: Any, linear: float, quadratic: float, excess: float) -> tuple[float, float]:
+    """The steps t along `direction` (k,) that all slacks and the budget allow; empty where the first exceeds the second.
 
-    Along v + t d the regret is a quadratic of t and every slack is affine: one interval.
+    Along v + t d every slack is affine, and the regret less its limit is excess + t linear + t² quadratic: one interval.
     """
-    k, curves = direction.size, face.curves
-    low, high = -_LONGEST, _LONGEST
+    k, low, high = direction.size, -_LONGEST, _LONGEST
     for r in range(face.n_set_rows, face.rows.shape[0]):
         value, speed = face.rows[r, 0, k], 0.0
         for a in range(k):
@@ -65,28 +64,16 @@ def _interval(face: Any, aim: Any, w: Any, direction: Any, limit: float) -> tupl
             low = max(low, -value / speed)
         else:
             high = min(high, -value / speed)
-    if limit < np.inf:
-        quadratic, linear = 0.0, 0.0
-        for i in range(aim.belief.size):
-            for a in range(k):
-                inner, along = 0.0, 0.0
-                for c in range(k + 1):
-                    inner += curves[i, a, c] * w[c]
-                for c in range(k):
-                    along += curves[i, a, c] * direction[c]
-                quadratic += 0.5 * aim.belief[i] * direction[a] * along
-                linear += aim.belief[i] * direction[a] * inner
-        excess = cost_at(curves, aim.belief, w) - aim.optimal_cost - limit
-        if quadratic > 0.0:
-            root = linear * linear - 4.0 * quadratic * excess
-            if root < 0.0:
-                return _NO_INTERVAL
-            # The two roots without cancellation.
-            root = np.sqrt(root)
-            q = -0.5 * (linear + root) if linear > 0.0 else -0.5 * (linear - root)
-            first = q / quadratic
-            second = excess / q if q != 0.0 else 0.0
-            low, high = max(low, min(first, second)), min(high, max(first, second))
+    if excess > -np.inf:
+        root = linear * linear - 4.0 * quadratic * excess
+        if root < 0.0:
+            return _NO_INTERVAL
+        # The two roots without cancellation.
+        root = np.sqrt(root)
+        q = -0.5 * (linear + root) if linear > 0.0 else -0.5 * (linear - root)
+        first = q / quadratic
+        second = excess / q if q != 0.0 else 0.0
+        low, high = max(low, min(first, second)), min(high, max(first, second))
     return low, high
 
 
@@ -132,6 +119,7 @@ def look_around(face: Any, aim: Any, basis: Any, w: Any, best: float, found: Any
     limit = aim.limit
     if aim.price > 0.0:  # a larger regret costs more than any distance gains on the best value
         limit = min(limit, (SIMPLEX_DIAMETER - best) / aim.price)
+    excess = cost_at(face.curves, aim.belief, w) - aim.optimal_cost - limit
     values = np.full(found.shape[0], -np.inf)
     trial, member = w.copy(), np.empty(aim.point.size)
     for first in range(k):
@@ -141,11 +129,14 @@ def look_around(face: Any, aim: Any, basis: Any, w: Any, best: float, found: Any
             direction[first] = 1.0
             if second != 0:
                 direction[abs(second) - 1] = 1.0 if second > 0 else -1.0
+            # With LL' the curvature, d = L'⁻¹e and d'LL'd = e'e.
+            linear, quadratic = 0.0, 0.5 if second == 0 else 1.0
             for a in range(k - 1, -1, -1):
                 for c in range(a + 1, k):
                     direction[a] -= factor[c, a] * direction[c]
                 direction[a] /= factor[a, a]
-            low, high = _interval(face, aim, w, direction, limit)
+                linear += slope[a] * direction[a]
+            low, high = _interval(face, w, direction, linear, quadratic, excess)
             if low > high:
                 continue
             for end in (low, high):

@@ -21,6 +21,7 @@ from inscrutable.decision_makers.search.region_search import (
     SomeStarts,
     cut,
     read,
+    remove_rounding,
     search,
     starts_at,
     starts_in,
@@ -233,13 +234,16 @@ class _Block:
         steps = np.arange(len(self.left))
         double = self.right != _NONE
         ends = np.column_stack([self.left, np.where(double, self.right, self.left)])
-        at = (steps[:, None], ends)
-        regrets = self.regrets[at]
+        at, count = (np.repeat(steps, 2), ends.ravel()), len(steps)
+        limits = np.column_stack([self.aims.limits, np.where(double, np.inf, self.aims.limits)]).ravel()
+        atoms = [column[at] for column in (self.actions, self.decoys, self.privacies, self.regrets)]
+        remove_rounding(self.space, cut(self.aims, at[0])._replace(limits=limits), *atoms)
+        actions, decoys, privacies, regrets = (column.reshape(count, 2, *column.shape[1:]) for column in atoms)
         # Rounding must not carry the expected regret over the budget.
         spare = np.maximum(self.aims.limits * (1.0 - tolerances.BUDGET_SAFETY) - regrets[:, 0], 0.0)
         share = np.where(double, spare / np.where(double, regrets[:, 1] - regrets[:, 0], 1.0), 0.0)
         drawn = np.column_stack([share < 1.0, share > 0.0])
         return Lotteries(
-            self.actions[at], self.decoys[at], regrets, self.privacies[at], np.column_stack([1.0 - share, share]),
-            np.where(double, self._slopes(steps), self.price), np.any(self.polished[at] & drawn, axis=1),
+            actions, decoys, regrets, privacies, np.column_stack([1.0 - share, share]),
+            np.where(double, self._slopes(steps), self.price), np.any(self.polished[at].reshape(count, 2) & drawn, axis=1),
         )  # fmt: skip

@@ -232,6 +232,7 @@ def best_in_regions(space: SearchSpace, aims: Aims, progress: Progress | None = 
         with space.partition.searched(space.patterns):
             reached = search(space, some, starts_of(space, some, _STARTS, _farthest_sets(space, some)), seen)
             parts.append(read(space, some, reached, np.arange(len(some.beliefs)), values_of(reached).argmax(axis=1)))
+            remove_rounding(space, some, *parts[-1][:4])
     found = Best(*map(np.concatenate, zip(*parts, strict=True)))
     own = _optimal(space.problem, aims)
     better = found.privacies > own.privacies + (tolerances.NO_PRIVACY if aims.sign > 0 else 0.0)
@@ -266,18 +267,24 @@ def read(space: SearchSpace, aims: Aims, reached: Explored, steps: np.ndarray, e
     read_actions(*at, space.partition.arrays, reached, placed)
     actions[found], decoys[found], privacies[found] = placed, optima.nearest[at], optima.privacy[at]
     regrets[found], prices[found] = optima.regret[at], optima.price[at]
-    # A belief outside the simplex by a billionth is projected on it, as an observer does.
-    for i in np.flatnonzero((decoys < -tolerances.EXPLAINED).any(axis=1)):
-        decoys[i] = np.maximum(decoys[i], 0.0) / np.maximum(decoys[i], 0.0).sum()
-        privacies[i] = aims.sign * np.linalg.norm(decoys[i] - aims.points[steps[i]])
-    # A decision that no belief explains, by a rounding, is replaced by that of the belief that it was found with.
-    for i in found[consistent_sets(space.problem, placed).dimension < 0]:
-        decoy = np.maximum(decoys[i], 0.0) / np.maximum(decoys[i], 0.0).sum()
-        action, t = space.problem.solve_points(decoy), steps[i]
-        regret = max(float(space.problem.regret(aims.beliefs[t], action)), 0.0)
-        if regret <= aims.limits[t]:
-            actions[i], decoys[i], regrets[i] = action, decoy, regret
     return Best(actions, decoys, privacies, regrets, prices, privacies > -np.inf, reached.region[steps, entries])
+
+
+def remove_rounding(
+    space: SearchSpace, aims: Aims, actions: Array, decoys: Array, privacies: Array, regrets: Array
+) -> None:
+    """Change what was found for beliefs (T,X) to what an observer sees: a belief beyond the simplex by a billionth is projected
+    on it, and a decision that no belief explains, by a rounding, is replaced by that of the belief that it was found with."""
+    problem, found = space.problem, np.flatnonzero(privacies > -np.inf)
+    for t in found[(decoys[found] < -tolerances.EXPLAINED).any(axis=1)]:
+        decoys[t] = np.maximum(decoys[t], 0.0) / np.maximum(decoys[t], 0.0).sum()
+        privacies[t] = aims.sign * np.linalg.norm(decoys[t] - aims.points[t])
+    for t in found[consistent_sets(problem, actions[found]).dimension < 0]:
+        decoy = np.maximum(decoys[t], 0.0) / np.maximum(decoys[t], 0.0).sum()
+        action = problem.solve_points(decoy)
+        regret = max(float(problem.regret(aims.beliefs[t], action)), 0.0)
+        if regret <= aims.limits[t]:
+            actions[t], decoys[t], regrets[t] = action, decoy, regret
 
 
 def _report(progress: Progress, before: int, count: int, done: int, _: int) -> None:

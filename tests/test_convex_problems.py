@@ -364,3 +364,21 @@ def test_costs_whose_size_differs_between_places_are_solved_as_well():
     np.testing.assert_allclose(
         ConvexProblem(u, steep, [u >= -100, u <= 100]).solve([1.0, 0.0])[0], 40.0 + 0.25 ** (1 / 3), atol=1e-3
     )
+
+
+def test_a_conditional_value_at_risk_is_solved_as_written_out() -> None:
+    """The solver's compilation failed once the variable held a value."""
+    u, rows = cp.Variable(2), np.array([[1.0, -0.5], [-2.0, 1.0], [0.3, 0.8], [-1.0, -1.0], [0.6, -1.2]])
+    losses = rows @ u
+    costs = [cp.cvar(losses, 0.7) + cp.sum_squares(u), cp.sum_squares(u - np.array([1.0, 0.0]))]
+    problem = ConvexProblem(u, costs, [u >= 0, cp.sum(u) == 1])
+    for belief in ([0.5, 0.5], [0.8, 0.2]):
+        found = problem.solve(belief)
+        trials = np.linspace(0.0, 1.0, 20_001)
+        points = np.column_stack([trials, 1.0 - trials])
+        largest = np.sort(points @ rows.T, axis=1)[:, ::-1]
+        shortfall = (largest[:, 0] + 0.5 * largest[:, 1]) / 1.5  # the worst .3 of five: one and a half
+        values = belief[0] * (shortfall + (points**2).sum(axis=1))
+        values += belief[1] * ((points - [1.0, 0.0]) ** 2).sum(axis=1)
+        np.testing.assert_allclose(found, points[values.argmin()], atol=1e-3)
+        assert belief @ problem.state_costs(found) == pytest.approx(values.min(), abs=1e-6)

@@ -153,6 +153,8 @@ class Modelled:
     def _solve_at(self, belief: Array) -> Array:
         problem, parameter = self._compiled
         parameter.value = belief
+        # CVXPY 1.9.3 compiles `sum_largest` (and `cvar`) by the variable's value, and fails where their number is no integer.
+        self._variable.save_value(None)
         try:
             problem.solve(solver=self._cvxpy.CLARABEL)
         except self._cvxpy.error.SolverError as error:

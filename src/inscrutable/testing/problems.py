@@ -249,7 +249,8 @@ def _check_explanations(sample: _Sample) -> None:
         promise(
             residual <= tolerances.EXPLAINED * 10,
             "a belief explains the decision it leads to",
-            f"belief {belief} leaves {action} a KKT residual of {residual:.3g}, relative to the gradient's scale",
+            f"belief {belief} leaves {action} a KKT residual of {residual:.3g}, relative to the gradient's scale; "
+            "costs with kinks have no gradients there, and need `explaining_rows` of their own",
         )
     for action in sample.actions:
         found = belief_set_of(problem, action)

@@ -219,7 +219,7 @@ class StepRule:
         else:
             raise SolverError(
                 f"a step was solved to {gap:g} of its value, expected {self._largest_gap:g} at most: take a larger "
-                "information_price"
+                f"{'budget, or a finite information_price' if self._informs_only else 'information_price'}"
             )
         numbers, shares, estimates, _ = found
         lost = np.flatnonzero(~(rows.sum(axis=1) > 0))

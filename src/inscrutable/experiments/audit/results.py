@@ -70,7 +70,8 @@ class SecretAudit(Saved):
         error: The learner's error on the test rows: share wrong, or root mean square in the secret's unit.
         error_limit: Upper limit on the error of the best observer, at 95 % for all secrets together.
         guess_error: The error of an observer without decisions, who names the commonest class, or the mean, of the rows before.
-        explained: Share of the secret explained: 1 − squared error / squared error of the guess; of indicators for classes.
+        explained: Share of the secret explained by the learners: 1 − squared error / squared error of the guess; of indicators
+            for classes. `error` may also be that of the guess, where no learner was better so far.
         detectable: The share explained at which the test has a power of about 80 %, if these learners can learn the dependence
             and all rows leak alike; simulations gave 70 to 82 %. For a leak in few rows, such as those of a rare decision, the
             power was 40 %.

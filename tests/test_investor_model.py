@@ -189,7 +189,12 @@ def test_names_of_the_world_must_be_those_of_the_model() -> None:
 
     assert build(other()).regimes == ("calm", "normal", "wild")
     assert build(other(names=["calm", "normal", "wild"])).regimes == ("calm", "normal", "wild")
-    assert build(other(labels=model.assets[::-1])).assets == model.assets
+    turned = GaussianEmission(
+        emission.means[:, ::-1], emission.covariances[:, ::-1, ::-1], asset_names=model.assets[::-1]
+    )
+    assert build(HiddenMarkovModel(model.world.transition, turned)).assets == model.assets
+    with pytest.raises(InputError, match="the same means in each place"):
+        build(other(labels=model.assets[::-1]))
     for names in (["wild", "normal", "calm"], ["a", "b", "c"]):
         with pytest.raises(InputError, match=r"states are .*the regimes .*calm.* same order"):
             build(other(names=names))

@@ -275,9 +275,17 @@ def _check_names(
             raise InputError(
                 f"the problem has the {what} labels {list(found)}, the model {list(given)}; expected the same order"
             )
-    labels = world.emission.asset_names if isinstance(world.emission, GaussianEmission) else None
-    if labels is not None and set(labels) != set(assets):
-        raise InputError(f"the world's sensor has the assets {list(labels)}, the model {list(assets)}")
+    sensor = world.emission
+    if not isinstance(sensor, GaussianEmission) or sensor.asset_names is None:
+        return
+    labels = list(sensor.asset_names)
+    if set(labels) != set(assets):
+        raise InputError(f"the world's sensor has the assets {labels}, the model {list(assets)}")
+    if labels != list(assets) and np.array_equal(sensor.means, problem.means):
+        raise InputError(
+            f"the world's sensor has the assets in the order {labels}, the model in the order {list(assets)}, with the same "
+            "means in each place: give both in the order of the means"
+        )
 
 
 _NET_DIGITS = 12  # of the sum: a whole number is one, without the rounding of least squares

@@ -25,6 +25,7 @@ from inscrutable import (
     simplex,
     turnover,
 )
+from inscrutable.budgets import written_budget
 from inscrutable.cli import main
 from inscrutable.datasets import (
     dollars_13f,
@@ -447,6 +448,9 @@ def test_budgets_as_they_are_written():
     assert "basis points" in Budget.parse("regret:5").remark
     assert "budget of 0 allows only" in Budget.parse("0").remark
     assert not Budget.parse("5bp").remark
+    assert "silence:50%" in written_budget("silence:50").remark
+    assert "more than a constant decision costs" in written_budget("silence:150%").remark
+    assert not written_budget("silence:1").remark
     first = CounterAdversarialDecisionMaker(PROBLEM, "10%", MaximalObfuscation())
     assert first.budget == CounterAdversarialDecisionMaker(PROBLEM, 0.1).budget == Budget.relative(0.1)
 

@@ -133,6 +133,14 @@ class SilenceShare:
     def __post_init__(self) -> None:
         object.__setattr__(self, "share", validation.non_negative(self.share, "budget"))
 
+    @property
+    def remark(self) -> str:
+        """What is odd about the share, in one sentence; empty where nothing is."""
+        if self.share <= 1.0:
+            return ""
+        percent = f"; {self.share:g} per cent are written silence:{self.share:g}%" if self.share >= 2.0 else ""
+        return f"a budget of {self.share:.0%} of the silence regret is more than a constant decision costs{percent}"
+
     def of(self, silence: float) -> Budget:
         """Return the budget where the silence regret is known, in the cost's unit."""
         return Budget.regret(self.share * validation.non_negative(silence, "silence"))

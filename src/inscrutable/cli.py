@@ -41,6 +41,7 @@ from inscrutable.cli_values import (
     beside_of,
     budget_of,
     measure_of,
+    remarks_of,
     writable_folder,
 )
 from inscrutable.cli_views import views
@@ -444,9 +445,10 @@ def protect(
     before = None if previous is None else one_row(weights_of(previous, investor, normalise, map_), previous)
     investor = investor.after(before)
     held: Any = single if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
-    cautions = [] if planned is None else planned.cautions()
+    cautions = [*remarks_of(asked), *([] if planned is None else planned.cautions())]
     if means.returns is not None:
-        held, _, cautions = belief_after(means.returns, investor, speech)
+        held, _, few = belief_after(means.returns, investor, speech)
+        cautions += few
     folder = None if out is None else writable_folder(out, "protect")
     with speech.progress("Steps") as move:
         if planned is not None:
@@ -489,10 +491,8 @@ def _show_protection(found: Protection, cautions: list[str]) -> None:
     else:
         show_table(row_lines(found), "What to publish (CDM), what it costs, and what an observer concludes from it")
     results().print(f"{capital(found.summary())}.")
-    for line in cautions:
+    for line in filter(None, [*cautions, found.verdict]):
         results().print(line)
-    if found.verdict:
-        results().print(found.verdict)
     if len(found) == 1:
         low_high = ", ".join(
             f"{regime} {low:.2f} to {high:.2f}"

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inscrutable.cli_console import SEED_KNOWN, Speech, results, show_table
-from inscrutable.cli_values import UsageError, belief_of, budget_of
+from inscrutable.cli_values import UsageError, belief_of, budget_of, remarks_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -86,6 +86,7 @@ def protect_next(
         speech.log(
             f"No sequence in {state} yet: it is begun, with this budget and the prices that spend it in the long run."
         )
+    cautions = [*remarks_of(asked), *cautions]
     limit = None if asked is None else budget_in(investor.world, investor.problem, asked)
     rng = None if seed is None else np.random.default_rng(seed)
     found = protect_step(investor, held, state, limit, publish=publish, rng=rng, periods=periods)

@@ -28,7 +28,7 @@ class UsageError(Exception):
 
 def budget_of(text: str, speech: Speech | None = None, option: str = "--budget") -> Budget | SilenceShare:
     """Return the budget of "0.1", "10%", "5bp", "regret:0.002" or "silence:0.5"; an unusual value gives a warning."""
-    from inscrutable.budgets import Budget, is_budget, written_budget
+    from inscrutable.budgets import is_budget, written_budget
     from inscrutable.errors import InputError
 
     try:
@@ -37,9 +37,14 @@ def budget_of(text: str, speech: Speech | None = None, option: str = "--budget")
         if is_budget(text):
             raise
         raise UsageError(f"{option}: {error}") from None
-    if speech is not None and isinstance(found, Budget) and found.remark:
+    if speech is not None and found.remark:
         speech.log(f"{option} {text}: {found.remark}")
     return found
+
+
+def remarks_of(budget: Budget | SilenceShare | None) -> list[str]:
+    """Return what is odd about a budget, as cautions beside the result."""
+    return [f"Caution: {budget.remark}."] if budget is not None and budget.remark else []
 
 
 def budgets_of(text: str) -> tuple[Any, tuple[float, ...]]:

@@ -81,8 +81,10 @@ def text_of(result: Backtest) -> str:
 
 
 def warnings_of(result: Backtest) -> list[str]:
-    """Return warnings beside the verdict: doubts about the figures, and suspicious returns."""
-    doubts = [f"Doubtful: {each}." for each in result.doubts]
+    """Return warnings beside the verdict: an odd budget, doubts about the figures, and suspicious returns."""
+    asked = result.settings.budget
+    doubts = [f"Caution: {asked.remark}."] if asked is not None and asked.remark else []
+    doubts += [f"Doubtful: {each}." for each in result.doubts]
     return [*doubts, *(f"Suspicious returns: {each}." for each in result.market.suspicious)]
 
 

@@ -206,3 +206,34 @@ def test_an_aware_observer_that_errs_more_than_without_weights_is_pointed_out() 
     assert judged.observers[1].is_misled
     assert judged.observers[1].is_hidden is None
     assert "each under its regime's name" in judged.summary()
+
+
+def test_what_is_interrupted_leaves_the_results_of_an_earlier_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, weights = record(3)
+    MODEL.save(tmp_path / "model.json")
+    out = tmp_path / "out"
+    command = [
+        "attack",
+        f"--model={tmp_path / 'model.json'}",
+        f"--weights={tmp_path / 'weights.csv'}",
+        f"--out={out}",
+        "-q",
+    ]
+    weights.to_csv(tmp_path / "weights.csv")
+    assert cli.main(command) == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    assert "files.json" in before
+    weights[::-1].set_axis(weights.index).to_csv(tmp_path / "weights.csv")
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("inscrutable.reports.attack.save_figure", interrupted)  # after the tables
+        assert cli.main(command) == 130
+    assert "has the results of an earlier run or of this one" in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    assert cli.main(command) == 0
+    assert (out / "attack.csv").read_bytes() != before["attack.csv"]

@@ -376,7 +376,7 @@ def test_optimal_weights_are_read_to_the_width_of_a_cell(small) -> None:
         attack_over_time(attack_weights(model, dated[::-1]), "optimal")
     months = pd.to_datetime(["2020-01-31", "2020-02-29", "2020-03-31", "2020-08-31"])
     gaps = attack_over_time(attack_weights(model, pd.concat([published] * 2).set_axis(months)), "optimal")
-    assert "their dates have gaps: no row for 2020-04" in gaps.summary()
+    assert "their dates do not: no row for 2020-04" in gaps.summary()
     with pytest.raises(InputError, match="prices are in the file"):
         attack_over_time(found.attack, "sequential")
 

@@ -10,6 +10,7 @@ import os
 import re
 import sys
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -118,8 +119,8 @@ def reproduce(
         with speech.progress("Random markets") as move:
             result = reproduce(settings, jobs=jobs, folder=folder / STUDY, again=was_told(folder), progress=move)
         speech.log("Drawing the figures")
-        files = [*write_reproduction(result, folder, jobs=jobs), *write_report(result, folder, drawn=folder)]
-        files = replaced(folder, "reproduce", files, speech)
+        written = partial(write_reproduction, result, jobs=jobs)
+        files = replaced(folder, "reproduce", lambda at: [*written(at), *write_report(result, at, drawn=at)], speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
@@ -267,12 +268,15 @@ def _written(result: Backtest, folder: Path, speech: Speech) -> list[Path]:
     from inscrutable.reports.backtest import write_backtest
 
     speech.log("Drawing the figures")
-    files = write_backtest(result, folder)
-    if result.settings.turnover is None:
-        files = [*files, *write_report(result, folder)]
-    else:
+    paged = result.settings.turnover is None
+    if not paged:
         speech.log("No report.html: the page shows other budgets, which are not computed under a limit on turnover")
-    return replaced(folder, "backtest", [*files, result.investor.save(folder / "model.json")], speech)
+
+    def written(into: Path) -> list[Path]:
+        files = [*write_backtest(result, into), *(write_report(result, into) if paged else [])]
+        return [*files, result.investor.save(into / "model.json")]
+
+    return replaced(folder, "backtest", written, speech)
 
 
 def _show_backtest(result: Backtest, folder: Path, files: list[Path], speech: Speech) -> None:
@@ -454,7 +458,7 @@ def protect(
         if planned is not None:
             held = attack_weights(investor, planned, progress=part_of(move, 0, experiment.PARTS + 1))
         found = experiment.protect(investor, held, limit, chosen, certify=certify, rng=rng, progress=move)
-    files = [] if folder is None else replaced(folder, "protect", write_protect(found, folder), speech)
+    files = [] if folder is None else replaced(folder, "protect", partial(write_protect, found), speech)
     if speech.json:
         speech.summary(protect_summary(found) | {"cautions": cautions})
         return
@@ -533,10 +537,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _exit_code(tokens, interrupts)
 
 
-_INTERRUPTED = (
-    "interrupted; every file that was written is whole, and where a folder held results of an earlier run, some of these may "
-    "still be there"
-)
+_INTERRUPTED = "interrupted; every file is whole, and a folder has the results of an earlier run or of this one"
 
 
 def _check_values(tokens: Sequence[str]) -> None:

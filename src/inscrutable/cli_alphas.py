@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -224,7 +225,7 @@ def backtest_means(
         prior_covariance=None if options.prior_covariance is None else covariance_of(options.prior_covariance),
         world=None if options.world is None else read_linear_world(options.world),
     )
-    files = replaced(folder, "backtest", write_alphas(found, folder), speech)
+    files = replaced(folder, "backtest", partial(write_alphas, found), speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -14,6 +15,7 @@ from inscrutable.cli_values import AT_LEAST_0, DATA, Out, RuleName, UsageError, 
 
 if TYPE_CHECKING:
     from inscrutable.experiments.attack import Attack
+    from inscrutable.experiments.attack_over_time import AttackOverTime
 
 _LONGEST_TABLE = 40
 
@@ -58,14 +60,14 @@ def attack(
     """
     import pandas as pd
 
-    from inscrutable.datasets import read_beliefs, write_table
+    from inscrutable.datasets import read_beliefs
     from inscrutable.datasets.tables import FULL_PRECISION_DIGITS
     from inscrutable.experiments.attack import attack_weights
     from inscrutable.experiments.attack_judged import judge_attack
     from inscrutable.experiments.attack_over_time import attack_over_time
     from inscrutable.experiments.own_model import investor_of
     from inscrutable.experiments.silence import budget_in
-    from inscrutable.reports.attack import attack_summary, write_attack
+    from inscrutable.reports.attack import attack_summary
 
     if mechanism is None and (budget is not None or state is not None):
         raise UsageError("--budget and --state need --mechanism")
@@ -91,11 +93,8 @@ def attack(
     over_time = None if mechanism is None else attack_over_time(found, mechanism, limit, state=state)
     judged = None if held is None else judge_attack(found, held, over_time)
     more = ({} if judged is None else {"judged": judged.figures()}) | {"cautions": table.cautions()}
-    paths = [] if folder is None else write_attack(found, folder, more=more)
-    if folder is not None and over_time is not None:
-        paths.append(folder / "attack_over_time.csv")
-        write_table(over_time.table(), paths[-1])
-    files = [] if folder is None else replaced(folder, "attack", paths, speech)
+    write = partial(_write, found, over_time, more)
+    files = [] if folder is None else replaced(folder, "attack", write, speech)
     if speech.json:
         followed = {} if over_time is None else {"over_time": over_time.table().to_dict("records")}
         speech.summary(attack_summary(found) | followed | more)
@@ -113,6 +112,18 @@ def attack(
     for line in [*table.cautions(), *([] if judged is None else judged.summary().splitlines())]:
         speech.sentence(line)
     speech.files(files)
+
+
+def _write(found: Attack, over_time: AttackOverTime | None, more: dict[str, Any], into: Path) -> list[Path]:
+    """Write the files of an attack into a folder and return their paths."""
+    from inscrutable.datasets import write_table
+    from inscrutable.reports.attack import write_attack
+
+    paths = write_attack(found, into, more=more)
+    if over_time is not None:
+        paths.append(into / "attack_over_time.csv")
+        write_table(over_time.table(), paths[-1])
+    return paths
 
 
 def _check_together(normalise: bool, map_: Path | None, digits: int | None, regret: str | None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -48,7 +49,7 @@ def audit(
     folder = None if out is None else writable_folder(out, "audit")
     speech.log(f"{len(tables[0])} rows of secrets, {len(tables[1])} of decisions; learning forward in time")
     found = audit_pairs(*tables, lags=steps, embargo=embargo, kind=kind, rng=np.random.default_rng(seed))
-    files = [] if folder is None else replaced(folder, "audit", write_audit(found, folder), speech)
+    files = [] if folder is None else replaced(folder, "audit", partial(write_audit, found), speech)
     if speech.json:
         speech.summary(audit_summary(found))
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -74,9 +75,9 @@ def compare(
             more: dict[str, Any] = {"again": was_told(folder), "say": speech.log, "progress": move}
             result, note = compared(asked, folder / STUDY, jobs=jobs, **more)
         speech.log("Drawing the figure")
-        files = write_comparison(result, folder, title=note)
-        files += write_report(result, folder, manifest={"market": note, "seed": seed})
-        files = replaced(folder, "compare", files, speech)
+        page = partial(write_report, result, manifest={"market": note, "seed": seed})
+        figures = partial(write_comparison, result, title=note)
+        files = replaced(folder, "compare", lambda into: [*figures(into), *page(into)], speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return

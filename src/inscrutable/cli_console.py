@@ -151,11 +151,17 @@ def show_table(frame: pd.DataFrame, title: str, *, prose: bool = False) -> None:
     results().print(table)
 
 
-def replaced(folder: Path, verb: str, files: list[Path], speech: Speech) -> list[Path]:
-    """Remove files of an earlier run of the verb; return those just written and their list."""
-    from inscrutable.datasets import replace_files
+def replaced(folder: Path, verb: str, write: Callable[[Path], Iterable[Path]], speech: Speech) -> list[Path]:
+    """Write files in place of those of an earlier run of the verb; return them and their list.
+
+    `write` writes into a folder and returns the paths. That is one of its own until all are there: what fails or is
+    interrupted leaves the results of the earlier run as they are.
+    """
+    from inscrutable.datasets import output_folder, replace_files
     from inscrutable.datasets.written import LIST
 
+    with TemporaryDirectory(dir=output_folder(folder), prefix=".unfinished-") as apart:
+        files = [path.replace(folder / path.name) for path in list(write(Path(apart)))]
     removed = replace_files(folder, verb, files)
     if removed:
         speech.log(f"Removed from an earlier run: {', '.join(path.name for path in removed)}")

@@ -81,7 +81,7 @@ def disclose(
             progress=move,
         )
     title = f"{rule} on {found.note}"
-    files = replaced(folder, "disclose", write_disclosures(table, folder, title=title), speech)
+    files = replaced(folder, "disclose", partial(write_disclosures, table, title=title), speech)
     if speech.json:
         speech.summary(summary_data(table, title))
         return

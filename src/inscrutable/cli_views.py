@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -85,7 +86,7 @@ def views(
         label: _read(problem, (weights, label, row), regret=allowed, digits=digits, reference=reference)
         for label, row in table.iterrows()
     }
-    files = [] if folder is None else replaced(folder, "views", write_views(read, folder), speech)
+    files = [] if folder is None else replaced(folder, "views", partial(write_views, read), speech)
     if speech.json:
         speech.summary(views_summary(read))
         return

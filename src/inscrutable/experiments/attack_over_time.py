@@ -92,7 +92,7 @@ class AttackOverTime:
         index = self.attack.index
         missing = missing_steps(list(index)) if isinstance(index, pd.DatetimeIndex) else ""
         if missing:
-            lines.append(f"Caution: rows follow one another as single steps, but their dates have gaps: {missing}.")
+            lines.append(f"Caution: rows follow one another as single steps, but their dates do not: {missing}.")
         word, step = step_of(index), self.attack.model.step
         if word and step and word != step:
             lines.append(

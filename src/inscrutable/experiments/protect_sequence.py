@@ -146,8 +146,9 @@ class ProtectedStep:
         own, seen = (BASIS_POINTS * each for each in (self.expected.own_regret, self.expected.regret))
         lines = [
             self._budget_line(),
-            f"This step costs {own:.3g} bp of wealth in expectation under your belief; the budget counts the mean over the "
-            f"observer's law, {seen:.3g} bp. It leaks {self.expected.bits:.3f} bits on average.",
+            f"This step costs {own:.3g} bp of wealth in expectation under your belief, and {seen:.3g} bp on average over the "
+            "beliefs that the observer thinks possible; the budget limits the mean of the second figure over many steps. It "
+            f"leaks {self.expected.bits:.3f} bits on average.",
             f"The aware observer, who has seen {_counted(self.n_published - (self.published is not None))}, believes "
             f"{self._named(self.before)}.",
         ]

@@ -11,7 +11,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from inscrutable import AlphaProblem, FactorRisk, InputError, ModelError, Polyhedron, box, max_weights, simplex
+from inscrutable import (
+    AlphaDecisionMaker,
+    AlphaProblem,
+    FactorRisk,
+    InputError,
+    ModelError,
+    Polyhedron,
+    box,
+    max_weights,
+    simplex,
+)
 
 N, GAMMA = 8, 2.0
 
@@ -134,3 +144,13 @@ def test_bounds_are_the_rows_that_they_stand_for(fresh_rng: np.random.Generator)
         tight.check_feasible()
     with pytest.raises(AttributeError, match="no attribute 'b_lb'"):
         _ = tight.b_lb  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_equalities_that_fix_the_decision_leave_nothing_to_reveal(count: int, fresh_rng: np.random.Generator) -> None:
+    sides = fresh_rng.normal(size=count)
+    problem = AlphaProblem(0.04 * np.eye(count), 2.0, Polyhedron(A_eq=np.eye(count), b_eq=sides))
+    assert not problem.theta.any()
+    np.testing.assert_allclose(problem.optimum(fresh_rng.normal(size=count)), sides, atol=1e-12)
+    maker = AlphaDecisionMaker(problem, 0.5, prior_covariance=1e-4 * np.eye(count))
+    np.testing.assert_allclose(maker.decide(fresh_rng.normal(size=count), rng=fresh_rng).action, sides, atol=1e-12)

@@ -168,6 +168,8 @@ class AlphaProblem:
         if not len(self.equalities[0]):
             return self.risk.solve(values)
         basis, inside = self._inside
+        if not basis.shape[1]:  # the equalities fix the decision
+            return np.zeros(np.shape(values))
         return np.asarray(basis @ inside.solve(basis.T @ values))
 
     @cached_property

@@ -779,3 +779,12 @@ def test_a_sequence_goes_on_for_the_same_decisions_alone(tmp_path: object, chang
     with pytest.raises(InputError, match="is of another rule"):
         other.begin().load(path)
     same.begin().load(path).close()
+
+
+def test_no_regret_above_the_limit_where_a_prediction_has_no_variance_in_some_direction() -> None:
+    """A signal that its owner sees exactly and that is drawn anew at each step: twice the limit was spent."""
+    world = LinearGaussianWorld(np.zeros((2, 2)), np.eye(2), [[-0.5, 0.4]], [[0.01]], public=([[1.3, 0.9]], [[1.0]]))
+    problem = AlphaProblem(np.eye(2), 5.0)
+    maker = AlphaDecisionMaker(problem, 0.5, world=world, objective="error", error_weights=np.diag([2.0, 1.0]))
+    assert maker.regret == pytest.approx(maker.limit, rel=1e-4)
+    assert maker.gap < 1e-4

@@ -124,11 +124,14 @@ def least_bits(moves: Moves, theta: Array, limit: float) -> LongRun:
     by_prices, by_barrier = (
         partial(method, moves, theta, limit) for method in (_least_bits_by_prices, _least_bits_inside)
     )
-    return _best_of([by_prices, by_barrier] if len(theta) <= MOST_SIGNALS else [by_prices])
+    return _best_of([by_prices, by_barrier] if len(theta) <= MOST_SIGNALS else [by_prices], limit)
 
 
-def _best_of(methods: Sequence[Callable[[], LongRun]]) -> LongRun:
+def _best_of(methods: Sequence[Callable[[], LongRun]], limit: float) -> LongRun:
     """Return the rule of the first method that leaves no gap, or where none does, the one of smallest gap.
+
+    A rule whose regret is above the limit counts as none: where a prediction has no variance in some direction, the barrier
+    method's errors may grow without bound.
 
     Raises:
         SolverError: No method found a rule.
@@ -140,6 +143,9 @@ def _best_of(methods: Sequence[Callable[[], LongRun]]) -> LongRun:
             found = method()
         except SolverError as error:
             failure = error
+            continue
+        if found.regret > limit * (1.0 + tolerances.OVER_TIME_GAP):
+            failure = SolverError(f"a rule over time spends a regret of {found.regret:g} of {limit:g}")
             continue
         best = found if best is None or found.gap < best.gap else best
         if best.gap <= tolerances.OVER_TIME_GAP:
@@ -198,7 +204,8 @@ def most_error_over_time(moves: Moves, theta: Array, weights: Array, limit: floa
     )
     if len(theta) > MOST_SIGNALS:
         return by_prices()
-    return _best_of([by_barrier, by_prices] if len(theta) <= _FEW_SIGNALS else [by_prices, by_barrier])
+    methods = [by_barrier, by_prices] if len(theta) <= _FEW_SIGNALS else [by_prices, by_barrier]
+    return _best_of(methods, limit)
 
 
 def _most_error_inside(moves: Moves, theta: Array, weights: Array, limit: float) -> LongRun:

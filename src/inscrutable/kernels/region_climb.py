@@ -47,7 +47,6 @@ class Climbs(NamedTuple):
     decoys: Any  # (n,X)
     others: Any  # (n,X) where each begins again if that leads to no decision, where it differs
     actions: Any  # (n,U)
-    has_lines: Any  # (n,) whether lines through the region's cheapest decision were tried in an earlier turn
 
 
 class Optima(NamedTuple):
@@ -62,7 +61,6 @@ class Optima(NamedTuple):
     potential: Any  # (n,) the value if `far` alone explained its decision; −∞ where none was found
     far: Any  # (n,X)
     far_place: Any  # (n,M)
-    has_lines: Any  # (n,) whether lines through the region's cheapest decision were tried
 
 
 class ClimbRoom(NamedTuple):
@@ -135,7 +133,7 @@ def climb_decoys(count: int, climbs: Any, aim: Any, regions: Any, basis: Any, op
     for s in range(count):
         number = climbs.region[s]
         face, w = face_of(regions, number, n_states), room.place[: regions.size[number] + 1]
-        optima.value[s], optima.potential[s], optima.has_lines[s] = -np.inf, -np.inf, False
+        optima.value[s], optima.potential[s] = -np.inf, -np.inf
         put(climbs.decoys[s], y)
         loss, weight = climb(face, aim, basis, y, w)
         if not loss < np.inf and np.any(climbs.others[s] != climbs.decoys[s]):
@@ -151,24 +149,6 @@ def climb_decoys(count: int, climbs: Any, aim: Any, regions: Any, basis: Any, op
                 optima.potential[s] = -loss
                 if aim.limit < np.inf:  # the loss is −sign ½‖y − p‖²
                     optima.potential[s] = aim.sign * np.sqrt(max(-2.0 * aim.sign * loss, 0.0))
-
-
-@inlined
-def _is_hopeless(optima: Any, floor: float, s: int) -> bool:
-    """Whether the farthest decoy found in a region is worth less than `floor`: no set is farther than its members.
-
-    Where it is worth as much it may be the best known itself, and the region may have other local optima.
-    """
-    return bool(-np.inf < optima.potential[s] < floor - MET)
-
-
-@uncounted
-def _had_lines(climbs: Any, optima: Any, s: int) -> bool:
-    """Whether another climb has tried the lines of the region."""
-    had = climbs.has_lines[s]
-    for other in range(s):
-        had = had or (climbs.region[other] == climbs.region[s] and optima.has_lines[other])
-    return bool(had)
 
 
 @inlined
@@ -238,58 +218,52 @@ def _climb_border(face: Any, aim: Any, basis: Any, y: Any, w: Any, room: Any) ->
 
 
 @internal
-def search_sets(
-    count: int, climbs: Any, aim: Any, floor: float, regions: Any, basis: Any, optima: Any, room: Any
+def search_set(
+    s: int, climbs: Any, aim: Any, floor: float, has_lines: bool, regions: Any, basis: Any, optima: Any, room: Any
 ) -> None:
-    """Improve the optima of `count` climbs in regions with sets larger than points.
+    """Improve the optimum of climb s in a region with sets larger than points.
 
-    `floor` is the best value known: a region in which no decoy reaches it is skipped. The ascent starts at the best ends of
-    lines through the cheapest decision, at the decision that the climb was given, and at the best so far. The lines are the
-    same for all climbs in a region: one of them tries them.
+    `floor` is the best value known. The ascent starts at the best ends of lines through the cheapest decision, if there are to
+    be lines, at the decision that the climb was given, and at the best so far.
     """
-    n_states = basis.shape[0]
-    for s in range(count):
-        number = climbs.region[s]
-        k = regions.size[number]
-        if regions.is_point[number] or _is_hopeless(optima, floor, s):
-            continue
-        face, best, given = face_of(regions, number, n_states), np.empty(k + 1), np.empty(k + 1)
-        locate(regions, number, climbs.actions[s], given)
-        _keep(face, aim, basis, given, 0.0, optima, s, room)
-        if k == 0:
-            continue
-        put(given, best)
-        member = climbs.decoys[s].copy()
-        if optima.value[s] > -np.inf:
-            put(optima.place[s, : k + 1], best)
-            put(optima.nearest[s], member)
-        is_given, centre = bool(np.any(given != best)), best.copy()
-        found, n_found = np.empty((_STARTS, k + 1)), 0
-        if not _had_lines(climbs, optima, s):
-            move_to_cheapest(face, aim, centre)
-            n_found = look_around(face, aim, basis, centre, optima.value[s], found, room.distance)
-            optima.has_lines[s] = True
-        rows = _with_equalities(face)
-        for e in range(n_found + 1 + is_given):
-            trial, y = best.copy(), member.copy()
-            if e < n_found:
-                put(found[e], trial)
-            elif e > n_found:
-                put(given, trial)
-            # Where no belief explains the start, the climb moves it and the known member together.
-            nearest_belief(face, trial, aim.point, basis, NO_ROW, y, room.distance)
-            # From the boundary inward, and from inside to a boundary and along it.
-            for _ in range(2):
-                was_on_border = _is_on_border(y, k)
-                if was_on_border:
-                    weight = _climb_border(face, aim, basis, y, trial, room)
-                    _keep(face, aim, basis, trial, weight, optima, s, room)
-                known = max(floor, optima.value[s])
-                value, weight = ascend(face, rows, aim, basis, trial, y, known, room.distance)
-                if value > -np.inf:
-                    _keep(face, aim, basis, trial, weight, optima, s, room)
-                if was_on_border or not _is_on_border(y, k):
-                    break
+    number = climbs.region[s]
+    k = regions.size[number]
+    face, best, given = face_of(regions, number, basis.shape[0]), np.empty(k + 1), np.empty(k + 1)
+    locate(regions, number, climbs.actions[s], given)
+    _keep(face, aim, basis, given, 0.0, optima, s, room)
+    if k == 0:
+        return
+    put(given, best)
+    member = climbs.decoys[s].copy()
+    if optima.value[s] > -np.inf:
+        put(optima.place[s, : k + 1], best)
+        put(optima.nearest[s], member)
+    is_given, centre = bool(np.any(given != best)), best.copy()
+    found, n_found = np.empty((_STARTS, k + 1)), 0
+    if has_lines:
+        move_to_cheapest(face, aim, centre)
+        n_found = look_around(face, aim, basis, centre, optima.value[s], found, room.distance)
+    rows = _with_equalities(face)
+    for e in range(n_found + 1 + is_given):
+        trial, y = best.copy(), member.copy()
+        if e < n_found:
+            put(found[e], trial)
+        elif e > n_found:
+            put(given, trial)
+        # Where no belief explains the start, the climb moves it and the known member together.
+        nearest_belief(face, trial, aim.point, basis, NO_ROW, y, room.distance)
+        # From the boundary inward, and from inside to a boundary and along it.
+        for _ in range(2):
+            was_on_border = _is_on_border(y, k)
+            if was_on_border:
+                weight = _climb_border(face, aim, basis, y, trial, room)
+                _keep(face, aim, basis, trial, weight, optima, s, room)
+            known = max(floor, optima.value[s])
+            value, weight = ascend(face, rows, aim, basis, trial, y, known, room.distance)
+            if value > -np.inf:
+                _keep(face, aim, basis, trial, weight, optima, s, room)
+            if was_on_border or not _is_on_border(y, k):
+                break
 
 
 @inlined

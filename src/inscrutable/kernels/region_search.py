@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from inscrutable.kernels.climb import MET
 from inscrutable.kernels.copies import put, put_descending
 from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.faces import row_value
@@ -22,7 +23,7 @@ from inscrutable.kernels.region_climb import (
     aim_of,
     climb_decoys,
     climb_room,
-    search_sets,
+    search_set,
 )
 from inscrutable.kernels.regions import UNKNOWN, decision_in, face_of, has_multipliers, locate
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
@@ -42,6 +43,7 @@ BEST, FAR, FREED = integer(0), integer(1), integer(2)
 """Sources of climbs, rows of `Turn.decoys`: the best decision of a region, its farthest belief, and from FREED on the beliefs
 of freed rows."""
 NO_START = integer(-1)
+_LINES = integer(-1)  # in place of a way into a region: lines through its cheapest decision
 _UNMET = 1e6  # below all distances: rows that are zero at no belief of a decision come last
 _INWARD = (0.01, 0.001)
 """A climb beyond a row starts this share of the way from the decision on the row to the belief: where the budget is spent and
@@ -89,7 +91,7 @@ class Explored(NamedTuple):
     optima: Optima  # of the entries, (T,C,…)
     expanded: Any  # (T,C) whether the neighbours were climbed
     n_tried: Any  # (T,)
-    tried: Any  # (T,Q,2) regions that were climbed, each with the `_way` into it
+    tried: Any  # (T,Q,2) regions that were climbed, each with the `_way` into it, or with _LINES
 
 
 class Limits(NamedTuple):
@@ -123,12 +125,11 @@ def _turn_room(n_states: int, n_actions: int, n_rows: int, limits: Any) -> Turn:
     size, number, most = n_actions + 1, np.int64, limits.climbs
     climbs = Climbs(
         np.empty(most, dtype=number), np.empty((most, n_states)), np.empty((most, n_states)),
-        np.empty((most, n_actions)), np.empty(most, dtype=np.bool_),
+        np.empty((most, n_actions)),
     )  # fmt: skip
     optima = Optima(
         np.empty(most), np.empty(most), np.empty(most), np.empty(most), np.empty((most, n_states)),
         np.empty((most, size)), np.empty(most), np.empty((most, n_states)), np.empty((most, size)),
-        np.empty(most, dtype=np.bool_),
     )  # fmt: skip
     return Turn(
         np.zeros(1, dtype=number), np.empty(most, dtype=number), np.empty(most, dtype=number),
@@ -175,10 +176,9 @@ def _record(reached: Any, t: int, number: int, orthant: int, optima: Any, s: int
         if reached.count[t] < reached.region.shape[1]:
             e = reached.count[t]
             reached.count[t] += 1
-        reached.expanded[t, e], kept.has_lines[t, e] = False, False
+        reached.expanded[t, e] = False
         reached.region[t, e], reached.orthant[t, e] = number, orthant
         kept.value[t, e], kept.potential[t, e] = -np.inf, -np.inf
-    kept.has_lines[t, e] = kept.has_lines[t, e] or optima.has_lines[s]
     if value > kept.value[t, e]:
         kept.value[t, e], kept.privacy[t, e] = value, optima.privacy[s]
         kept.regret[t, e], kept.price[t, e] = optima.regret[s], optima.price[s]
@@ -391,16 +391,12 @@ def _plan(aim: Any, regions: Any, starts: Any, basis: Any, patience: int, t: int
 
 
 @inlined
-def _begin_climbs(starts: Any, belief: Any, t: int, search: Any) -> None:
+def _begin_climbs(starts: Any, belief: Any, turn: Any) -> None:
     """Where the climbs of a turn begin: at starts, or where the last climbs came to rest."""
-    reached, turn = search
     climbs = turn.climbs
     for j in range(turn.n_climbs[0]):
         number, source, start = turn.region[j], turn.source[j], turn.start[j]
-        climbs.region[j], climbs.has_lines[j] = number, False
-        for e in range(reached.count[t]):
-            if reached.region[t, e] == number and reached.optima.has_lines[t, e]:
-                climbs.has_lines[j] = True
+        climbs.region[j] = number
         if start != NO_START:
             put(starts.decoys[start], climbs.decoys[j])
             put(starts.decoys[start], climbs.others[j])
@@ -428,14 +424,17 @@ def search_regions(steps: Any, aims: Any, regions: Any, starts: Any, basis: Any,
             count = turn.n_climbs[0]
             if count == 0:
                 break
-            _begin_climbs(starts, aim.belief, t, search)
+            _begin_climbs(starts, aim.belief, turn)
             climb_decoys(count, climbs, aim, regions, basis, optima, turn.climb)
-            if aim.sign > 0.0:
-                # No set is farther than its members: regions whose decoys are not worth as much are left out.
-                floor = _largest(reached.optima.value[t], reached.count[t])
-                search_sets(count, climbs, aim, floor, regions, basis, optima, turn.climb)
+            floor = _largest(reached.optima.value[t], reached.count[t])
             for j in range(count):
                 number = climbs.region[j]
+                # No set is farther than its members: a region whose farthest decoy is worth less than what is known is left
+                # out. Where it is worth as much it may be what is known, and the region may have other local optima.
+                is_hopeless = -np.inf < optima.potential[j] < floor - MET
+                if aim.sign > 0.0 and not regions.is_point[number] and not is_hopeless:
+                    has_lines = _is_new(reached, t, number, _LINES)
+                    search_set(j, climbs, aim, floor, has_lines, regions, basis, optima, turn.climb)
                 orthant = 0 if regions.is_point[number] else _orthant(optima.far[j], aim.point)
                 _record(reached, t, number, orthant, optima, j)
 

@@ -333,7 +333,6 @@ def _explored(space: SearchSpace, count: int, most_missing: int) -> Explored:
     optima = Optima(
         np.empty(entries), np.empty(entries), np.empty(entries), np.empty(entries), np.empty((*entries, n_states)),
         np.empty((*entries, size)), np.empty(entries), np.empty((*entries, n_states)), np.empty((*entries, size)),
-        np.empty(entries, dtype=np.bool_),
     )  # fmt: skip
     return Explored(
         np.full(count, AT_STARTS), none.copy(), none.copy(), np.empty((count, most_missing, 2), dtype=number),

@@ -36,8 +36,7 @@ from inscrutable.tolerances import EXPLAINED, PIVOT, POLISH
 MET = EXPLAINED  # violation of a row that counts as none
 PROJECTED = 0.01 * MET  # the same for the linearised rows that steps are projected on
 NO_GAIN = POLISH**1.5  # gain that is not worth a step
-# Newton steps onto the rows: from a start, from a step's end, and to see whether they hold.
-FIRST_TURNS, LATER_TURNS, _NO_TURNS = integer(8), integer(3), integer(0)
+FIRST_TURNS, LATER_TURNS = integer(8), integer(3)  # Newton steps onto the rows, from a start and from a step's end
 _MOST_TRIALS = 180  # of a climb, a limit: a few times what the slowest of the kept instances took
 _NEARBY = 1e-3  # a row is left out of the steps until its value has come below this
 _MOST_SHIFTS, _FIRST_SHIFT = 60, 1e-3  # of the Hessian, in units of its size
@@ -408,15 +407,5 @@ def climb(face: Any, aim: Any, basis: Any, y: Any, w: Any) -> tuple[float, float
             if not has_start or share < SHORTEST:
                 break
         _move(basis, y, step, share, trial)
-    if not has_budget and aim.sign < 0.0:
-        # The distance has a kink at the point itself, where steps by slopes do not end.
-        for i in range(n_states):
-            trial[i] = aim.point[i]
-        allowed, regret = _restore(face, aim, basis, _NO_TURNS, trial, w, place, room)
-        loss = _loss(aim, trial, regret)
-        if allowed and loss < best:
-            best = loss
-            for i in range(n_states):
-                y[i] = trial[i]
     solve_kkt(curves, y, PIVOT, w, place.factor, place.gradients, place.slopes)
     return best, weights[m] if has_budget else 0.0

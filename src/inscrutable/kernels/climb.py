@@ -38,14 +38,20 @@ PROJECTED = 0.01 * MET  # the same for the linearised rows that steps are projec
 NO_GAIN = POLISH**1.5  # gain that is not worth a step
 FIRST_TURNS, LATER_TURNS = integer(8), integer(3)  # Newton steps onto the rows, from a start and from a step's end
 _MOST_TRIALS = 180  # of a climb, a limit: a few times what the slowest of the kept instances took
-_NEARBY = 1e-3  # a row is left out of the steps until its value has come below this
-_MOST_SHIFTS, _FIRST_SHIFT = 60, 1e-3  # of the Hessian, in units of its size
+_NEARBY = 1e-3
+"""A row is left out of the steps until its value has come below this. With 1e-4 one of 960 decisions loses .006 %; where none
+is left out two lotteries lose, up to .4 %, in up to 1.1 times the time."""
+_MOST_SHIFTS, _FIRST_SHIFT = 60, 1e-3
+"""Of the Hessian, in units of its size. With twelve, 10 of 960 decisions lose up to 12 %; with .01 or .0001 first, five or six
+lose up to 4 %, three to five gain up to .1 %, and lotteries differ to either side."""
 _GROWTH = 4.0
 """Factor from one shift to the next. With 2 one and with 10 two of 600 decisions over two to seven states lose up to 19 %."""
 _CONVEX = 1e-9  # least share of a pivot that may remain
 _ACROSS = 3.0
 """Curvature across rows that held, over the largest of the rest. With 1, 25 of these 600 lose up to 19 %, with 10 two."""
-SHORTER, SHORTEST = 0.3, 1e-3  # a step that does not help is cut to this share, and given up below that
+SHORTER, SHORTEST = 0.3, 1e-3
+"""A step that does not help is cut to this share, and given up below that. With .15, two of 960 decisions lose, up to 1.7 %,
+and two lotteries, .6 %; given up below .01, five decisions lose, up to 6 %, and three gain, as fast."""
 
 
 class Aim(NamedTuple):
@@ -338,7 +344,10 @@ def _move(basis: Any, origin: Any, step: Any, share: float, out: Any) -> None:
 
 @inlined
 def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
-    """The budget's multiplier if its slope were along y − p: a first guess."""
+    """The budget's multiplier if its slope were along y − p: a first guess.
+
+    Without it 14 of 1,440 decisions lose, up to 12 %.
+    """
     length, lean = 0.0, 0.0
     for i in range(y.size):
         length += (y[i] - aim.point[i]) * (y[i] - aim.point[i])

@@ -53,14 +53,18 @@ _STARTS, _SIGNS = 60, 7  # candidates that a search starts from; directions whos
 """With 12 starts one of 72 beliefs over six states loses 44 %; with three directions 9 of 144 beliefs over five and six states
 with as many assets or fewer lose up to 37 %. With 24 and five 3 of 1,176 over five to eight states lose up to 5.7 %; they
 take a tenth to a third less time from seven states on, and as long over three and four."""
-_MOST_REACHED, _MOST_TRIED = 64, 1024  # regions that a search keeps, and that it may climb
+_MOST_REACHED, _MOST_TRIED = 64, 1024
+"""Regions that a search keeps, and that it may climb. With 16 one of 240 decisions in concentrated markets loses 22 %, with 128
+two lose up to 1.6 %, none faster; others do not change."""
 FIRST, NEVER_SKIPPED = np.inf, tolerances.SIMPLEX_DIAMETER
 """Bonuses of a start: it comes before all others; it promises more than any distance that is found."""
 _FEW = 100
 """Where fewer candidates are affordable they tell little about the value at the end of a climb, and no start is skipped:
 else 40 of 4,800 decisions over three states lose up to 9 % at a budget of a hundredth, and 190 up to 23 % at a thousandth. With
 1,000 seven of 14,400 gain (one market, up to four times); many lotteries take 1.25 times the time, many decisions 1.5 times."""
-_PAIRS = 4  # beliefs in two states only
+_PAIRS = 4
+"""Beliefs in two states only. With two, one decision and four lotteries of 240 where states outnumber assets lose, up to .02 %;
+without, seven and 20, up to 65 %."""
 _SPARSE = 4
 """From so many states on candidates lie too far apart to tell where a climb from them ends: no start is skipped. With skips 12
 of 5,800 decisions over four states lose up to 74 %, and 36 lotteries up to 12 %; of 900 decisions over five to eight states and

@@ -48,7 +48,7 @@ _ON_EDGE = 50
 _ENOUGH = 1000
 """Candidates to start from: with the 66 of a grid of tenths alone 1 of 60 decisions over three states loses 70 %."""
 _BLOCK = 1024  # beliefs whose searches are kept in memory at once
-_CHUNK, _FEW_BELIEFS = 32, 4  # beliefs that a thread takes at a time, to choose starts and to search
+_CHUNK = 4  # beliefs that a thread takes at a time; with 1 or 16 on two cores no difference shows in the noise
 _STARTS, _SIGNS = 60, 7  # candidates that a search starts from; directions whose signs make an orthant
 """With 12 starts one of 72 beliefs over six states loses 44 %; with three directions 9 of 144 beliefs over five and six states
 with as many assets or fewer lose up to 37 %. With 24 and five 3 of 1,176 over five to eight states lose up to 5.7 %; they
@@ -324,7 +324,7 @@ def search(
         def work(low: int, high: int, regions: Regions = regions, steps: np.ndarray = steps) -> None:
             search_regions(steps[low:high], aims, regions, starts, basis, limits, reached)
 
-        in_chunks(work, left.size, _FEW_BELIEFS, ended)
+        in_chunks(work, left.size, _CHUNK, ended)
         left = np.flatnonzero(reached.stage != ENDED)
         if left.size:
             partition.reach(reached.missing[np.arange(around) < reached.n_missing[:, None]])

@@ -150,6 +150,23 @@ def test_the_largest_error_meets_its_dual_bound(seed: int) -> None:
         assert maker.error == pytest.approx(bound, rel=2e-7), seed
 
 
+@pytest.mark.parametrize("seed", [pytest.param(FRESH_SEED, id="fresh"), 172, 284])
+def test_small_shares_of_priors_of_unlike_sizes_leave_the_largest_error_too(seed: int) -> None:
+    """Directions of small value beside costly ones were taken for ties, and nearly half of the error was lost."""
+    rng = np.random.default_rng(seed)
+    theta, sizes = 100.0 * covariance(rng, 5), 10.0 ** rng.uniform(-3.5, 0.0, 5)
+    prior = np.diag(sizes**2)
+    maker = AlphaDecisionMaker(
+        problem_of(theta), 1e-6, prior_covariance=prior, objective="error", error_weights=np.eye(5)
+    )
+    limit, root = 1e-6 * float(np.trace(theta @ prior)), np.diag(sizes)
+    prices = np.geomspace(1e-8, 1e4, 20_001)
+    values = np.linalg.eigvalsh(root @ root - prices[:, None, None] * (root @ theta @ root))
+    bound = float((prices * limit + np.maximum(values, 0.0).sum(axis=1)).min())  # the dual, on a grid of multipliers
+    assert maker.error == pytest.approx(bound, rel=1e-3), seed
+    assert maker.regret == pytest.approx(limit, rel=1e-6)
+
+
 @pytest.mark.parametrize("seed", [pytest.param(FRESH_SEED, id="fresh"), 23, 248])
 def test_ties_of_the_error_go_to_the_least_information(seed: int) -> None:
     """In the two kept draws the costs of directions differ by four and six powers of ten."""

@@ -317,6 +317,20 @@ def test_a_market_of_finitely_many_laws_is_one_too(fresh_rng: np.random.Generato
         assert_follows(fresh, found, fresh_rng)
 
 
+def test_a_decision_that_a_cap_forbids_is_not_kept() -> None:
+    """The decision of the step before, forbidden to one of two beliefs, was taken for one as cheap as the constant one."""
+    chain = resting_chain(Prior(np.eye(2), [0.5, 0.5]), 0.5)
+    for price in (ALONE, 0.1):
+        maker = SequentialDecisionMaker(
+            FiniteProblem([[0.0, 2.0, 1.0], [2.0, 0.0, 1.0]]), Budget.regret(0.3), chain=chain,
+            worst_regret=Budget.regret(1.0), calibration=PriceCalibration.at(1.0, price), rng=np.random.default_rng(0),
+        )  # fmt: skip
+        first = maker.mechanism_for(chain.prior).probabilities.toarray()
+        for before in range(3):
+            found = maker.mechanism_for(chain.prior, before=before).probabilities.toarray()
+            np.testing.assert_allclose(found, first, atol=1e-6)
+
+
 def test_a_belief_off_the_grid_plays_as_the_nearest_on_it(fresh_rng: np.random.Generator) -> None:
     maker = maker_of(fresh_rng)
     sequence = maker.begin()

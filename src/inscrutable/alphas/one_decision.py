@@ -172,7 +172,8 @@ def _searched(costs: Array, gains: Array, limit: float) -> tuple[Array, Array]:
     for number in range(_MOST_PRICES):
         values, turn = np.linalg.eigh(gains - price * costs)
         spending = ((costs @ turn) * turn).sum(axis=0)
-        kept, tied, lost = _filled_directions(values, spending, limit)
+        worth = float(values[values > 0.0].sum()) + price * limit
+        kept, tied, lost = _filled_directions(values, spending, limit, tolerances.LOST_ERROR * worth)
         value = float(values[kept].sum()) + price * limit
         if lost <= tolerances.LOST_ERROR * value or bracket[1] - bracket[0] <= tolerances.SAME_PRICE * price:
             break
@@ -186,12 +187,14 @@ def _searched(costs: Array, gains: Array, limit: float) -> tuple[Array, Array]:
     return turn, shares
 
 
-def _filled_directions(values: Array, spending: Array, limit: float) -> tuple[np.ndarray, np.ndarray, float]:
+def _filled_directions(
+    values: Array, spending: Array, limit: float, most: float
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the fully and the partly hidden directions that spend the limit, and a bound of the loss.
 
-    Directions of least |value| change first; directions of value zero are partly hidden.
+    Directions of least |value| change first; directions of value zero, and of at most `most`, are partly hidden.
     """
-    near = np.sqrt(tolerances.SAME_PRICE) * (np.abs(values).max() + np.finfo(float).tiny)
+    near = min(most, np.sqrt(tolerances.SAME_PRICE) * float(np.abs(values).max())) + np.finfo(float).tiny
     kept, tied = values > 0.0, np.abs(values) <= near
     missing = limit - float(spending[kept].sum())
     order = np.argsort(np.abs(values))

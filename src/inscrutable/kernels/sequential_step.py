@@ -217,10 +217,12 @@ def _at_price(
 
 @inlined
 def _is_tied(weights: Any, data: StepData, kept: int, best: int) -> bool:
-    """Whether two decisions cost the same on average, to rounding."""
+    """Whether two decisions cost the same on average, to rounding; not where a cap forbids the first to some belief."""
     apart, size = 0.0, 0.0
     for b in range(weights.size):
         if weights[b] > 0.0:
+            if data.values[kept, b] == -np.inf:
+                return False
             apart += weights[b] * (data.values[kept, b] - data.values[best, b])
             size += weights[b] * (abs(data.values[kept, b]) + abs(data.values[best, b]))
     return apart >= -_RESIDUAL * size

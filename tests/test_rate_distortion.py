@@ -22,6 +22,7 @@ from inscrutable import (
     RateDistortionDecisionMaker,
     action_grid,
     decoy_grid,
+    leakage,
     mechanism,
     rate_distortion_curve,
     uniform_prior,
@@ -296,3 +297,20 @@ def test_progress_is_told() -> None:
     assert maker.solve(progress=lambda done, most: told.append((done, most))) is maker
     assert told
     assert all(done <= most for done, most in told)
+
+
+def test_no_rule_under_a_cap_costs_more_than_the_budget(fresh_rng: np.random.Generator) -> None:
+    """Where a decision's column fell to nothing, the other one alone met no budget, and counted as a solution."""
+    prior, problem = Prior(np.eye(2), [0.5, 0.5]), FiniteProblem([[2.0, 3.0, 1.0], [1.0, 3.0, 3.0]])
+    for budget in (0.45, 0.3, float(fresh_rng.uniform(0.05, 0.49))):
+        maker = RateDistortionDecisionMaker(
+            problem, Budget.regret(budget), prior=prior, worst_regret=Budget.regret(1.0)
+        )
+        # The second belief is allowed choice 0 alone; the first plays it too as often as the budget pays for.
+        assert maker.mechanism.regrets[0].max() <= 1.0
+        found = leakage(maker.mechanism, prior, problem)
+        assert found.expected_regret == pytest.approx(budget, rel=1e-6)
+        joint = 0.5 * np.array([[2.0 * budget, 1.0 - 2.0 * budget], [1.0, 0.0]])
+        apart = joint / np.outer(joint.sum(axis=1), joint.sum(axis=0))
+        bits = float((joint[joint > 0] * np.log2(apart[joint > 0])).sum())
+        assert found.mutual_information == pytest.approx(bits, abs=1e-5)

@@ -186,4 +186,6 @@ def certified(source: Source, law: Array, regret: float, slope: float) -> tuple[
     some = played > 0
     rate = value - slope * mean - float(played[some] @ np.log(gains[some]))
     bound = value - float(np.log(gains.max())) - (slope * regret if slope > 0 else 0.0)
+    if mean > regret * (1.0 + tolerances.REGRET_NEAR):  # no price makes these columns affordable
+        rate = np.inf
     return Hidden(law, slope, max(rate, 0.0) * BITS, max(bound, 0.0) * BITS, mean), gains

@@ -23,6 +23,7 @@ from inscrutable import (
     plausibility_gap,
     simplex,
 )
+from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from sizes import instances
 from strategies import SEEDS
 
@@ -161,3 +162,13 @@ def test_unexplained_choices_are_enumerated(seed):
     else:
         assert decided.action == regrets.argmin()
         assert decided.regret == pytest.approx(regrets.min(), abs=1e-12)
+
+
+def test_a_feasible_programme_is_not_excluded_by_presolving() -> None:
+    """Bounds a hair beside round numbers: HiGHS's presolving calls this infeasible at the tolerances used here."""
+    middles = np.array([0.2, 0.5, -0.1, 0.5])
+    bounds = [(each - 0.05 - 5e-11, each + 0.05 + 5e-11) for each in middles.tolist()]
+    answer = minimise(np.zeros(4), None, Rows(np.ones((1, 4)), np.ones(1)), bounds)
+    assert answer.status == OPTIMAL
+    assert answer.x.sum() == pytest.approx(1.0, abs=1e-9)
+    assert minimise(np.zeros(4), None, Rows(np.ones((1, 4)), np.full(1, 1.4)), bounds).status != OPTIMAL

@@ -2,8 +2,8 @@
 
 Whether a candidate meets (a) does not depend on the belief; for (b) and (c) the ends of its consistent set decide.
 So one look at all candidates finds the cheapest that does, belief by belief. Two searches then lower its regret: toward the
-optimal decision as far as the goal allows, and around the belief in the cheapest direction; here the
-beliefs of a block take each step together.
+optimal decision as far as the goal allows, and around the belief in the cheapest direction; in these the beliefs of a block
+take each step together.
 """
 
 from __future__ import annotations

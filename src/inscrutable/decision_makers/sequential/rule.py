@@ -51,8 +51,8 @@ class SequentialDecisionMaker(Described):
 
     K_t depends on p_t alone, so that an observer can compute it. If the belief moves as the chain says, a later decision does
     not reveal again what an earlier one revealed: on a belief that never changes only the first decision reveals anything. A
-    belief that is not among the chain's plays as the nearest of these. The rule is greedy in p_t; `ceiling` is an upper bound
-    of the loss under every rule.
+    belief that is not among the chain's plays as the nearest of these, within its own cap. The rule is greedy in p_t; `ceiling`
+    is an upper bound of the loss under every rule.
 
     Args:
         problem: The decision problem.
@@ -62,8 +62,9 @@ class SequentialDecisionMaker(Described):
         world: Instead of a chain, the hidden Markov model whose observations the agent filters: the chain is then
             `filtered_chain` of it on a grid of at most 500 beliefs. Public real numbers are discretised to cells, with the
             error that `summary` states.
-        candidates: Decisions to choose from; None is about 500 decoys and the cheapest constant decision. Where they cannot
-            meet the budget or the cap, the optimal decisions of the chain's beliefs are added.
+        candidates: Decisions to choose from; those that no belief explains are left out. None is about 500 decoys and the
+            cheapest constant decision. Where they cannot meet the budget or the cap, the optimal decisions of the chain's
+            beliefs are added.
         loss: The observer's loss: the square error of its estimate of the belief, `SquaredError()` or None; or that of a
             rival, `NamingError()` or `RivalProblem(problem)`. For a rival with infinitely many answers each step is solved by
             Newton's method in the beliefs that it acts on, or, where its best answer jumps, with a few answers to which its
@@ -72,10 +73,10 @@ class SequentialDecisionMaker(Described):
             below a thousandth of the prior loss is raised to that.
         worst_regret: A cap on the regret of every single decision, as a share of |c*(π)| or a `Budget`; None is no cap.
         disclosure: How decisions become public, a `Disclosure`; None: exactly and at once. Decisions with the same disclosed
-            value are one to the observer; each belief plays the cheapest of them. Undisclosed decisions are optimal ones. The
-            observer's loss counts from the disclosure of a decision to the next one. Public symbols in between are used by
-            a rival with few answers; in the objective the square error, and a rival with many answers, ignore them, which can
-            only overestimate the loss. `decide_path` counts them.
+            value are one to the observer; each belief plays the cheapest of the candidates among them. Undisclosed decisions
+            are optimal ones. The observer's loss counts from the disclosure of a decision to the next one. Public symbols in
+            between are used by a rival with few answers; in the objective the square error, and a rival with many answers,
+            ignore them, which can only overestimate the loss. `decide_path` counts them.
         turnover: Largest sum of purchases and sales Σ_j |u_tj − u_{t−1,j}|: after a decision only the candidates within it
             have a positive probability, which the observer knows too. Regrets stay those against the problem without this
             limit. The first decision is free. None is no limit.

@@ -9,7 +9,9 @@ import pandas as pd
 import pytest
 
 from inscrutable import (
+    CategoricalEmission,
     EstimatedSensor,
+    HiddenMarkovModel,
     InputError,
     MarkowitzProblem,
     ModelError,
@@ -18,6 +20,7 @@ from inscrutable import (
     consistent_beliefs,
     estimate_sensor,
     estimate_world,
+    filter_beliefs,
 )
 from sizes import audited, instances
 
@@ -342,3 +345,15 @@ def test_nothing_is_known_of_a_state_that_no_belief_holds_possible() -> None:
     found = estimate_sensor(beliefs, transition, n_symbols=3)
     np.testing.assert_allclose(found.probabilities[2], 1 / 3)
     np.testing.assert_allclose(found.intervals[2], np.tile([0.0, 1.0], (3, 1)))
+
+
+@pytest.mark.parametrize("seed", [1, 11, 16])
+def test_a_world_is_estimated_from_noisy_beliefs_where_a_trial_rules_a_state_out(seed: int) -> None:
+    """The square of a ratio to its predicted probability overflowed, and an error of linear algebra ended the estimate."""
+    rng, transition = np.random.default_rng(seed), [[0.5, 0.5], [0.3, 0.7]]
+    world = HiddenMarkovModel(transition, CategoricalEmission([[0.3, 0.6, 0.1], [0.5, 0.3, 0.2]]), [0.5, 0.5])
+    held = filter_beliefs(world, world.sample(60, rng=rng).observations).beliefs
+    noisy = np.abs(held + 1e-3 * rng.normal(size=held.shape))
+    found = estimate_world(noisy / noisy.sum(axis=1, keepdims=True), n_symbols=3)
+    assert np.isfinite(found.world.transition).all()
+    assert isinstance(found.world.emission, CategoricalEmission)

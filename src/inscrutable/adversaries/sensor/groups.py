@@ -133,9 +133,8 @@ def _slopes(steps: FilterSteps, shown: Array) -> Array:
 def _tree(steps: FilterSteps) -> tuple[Array, np.ndarray]:
     """Return the most exact directions and their hierarchical clustering."""
     directions = steps.directions()
-    spread = np.linalg.norm(
-        directions * np.hypot(1.0 / steps.predicted, 1.0 / np.maximum(steps.held, tolerances.SAME_BELIEF)), axis=1
-    )
+    errors = directions * np.hypot(1.0 / steps.predicted, 1.0 / np.maximum(steps.held, tolerances.SAME_BELIEF))
+    spread = np.hypot.reduce(errors, axis=1)  # their squares may overflow
     some = np.sort(np.argsort(spread, kind="stable")[:_MOST_JOINED])
     kept = directions[some]
     return kept, linkage(kept, "average") if len(kept) > 1 else np.empty((0, 4))

@@ -36,6 +36,7 @@ class FilterSteps(NamedTuple):
         """Return the unit vectors along the sensor's columns, shape (K,X): each spans the null space of its step's
         π_k (P'π_{k−1})' − diag(P'π_{k−1})."""
         ratios = self.held / self.predicted
+        ratios = ratios / ratios.max(axis=1, keepdims=True)  # of a state that was hardly possible: its square overflows
         return np.asarray(ratios / np.linalg.norm(ratios, axis=1, keepdims=True))
 
     def shown(self, columns: Array) -> Array:

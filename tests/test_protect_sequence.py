@@ -156,13 +156,8 @@ def test_the_belief_of_the_next_step_comes_from_the_returns_so_far(
         few = [each * seen / (each @ seen) @ model.world.transition for each in few]
     assert model.start_counts(rows) == pytest.approx(np.abs(few[0] - few[1]).max(), abs=1e-12)
     rows[:1].to_csv(tmp_path / "one.csv")
-    for last in (once, call[:-2]):
-        some = (
-            [*last, "--returns", str(tmp_path / "one.csv")]
-            if last is not once
-            else [*last[:4], str(tmp_path / "one.csv")]
-        )
-        assert main(some) == 0
+    for command in ([*call[:-2], "--returns"], once[:4]):
+        assert main([*command, str(tmp_path / "one.csv")]) == 0
         assert "Caution: these returns are too few" in capsys.readouterr().out
     for wrong, said in (
         (["--out", "x", "--belief", "1,0"], "--out does not go"),

@@ -146,6 +146,11 @@ class SilenceShare:
         return Budget.regret(self.share * validation.non_negative(silence, "silence"))
 
 
+def remarks_of(budget: Budget | SilenceShare | None) -> list[str]:
+    """Return what is odd about a budget, as cautions beside a result."""
+    return [f"Caution: {budget.remark}."] if budget is not None and budget.remark else []
+
+
 def written_budget(text: str | float) -> Budget | SilenceShare:
     """Return the budget of a text, as `Budget.parse` without a silence regret."""
     if not isinstance(text, str):

@@ -42,7 +42,6 @@ from inscrutable.cli_values import (
     beside_of,
     budget_of,
     measure_of,
-    remarks_of,
     writable_folder,
 )
 from inscrutable.cli_views import views
@@ -434,6 +433,7 @@ def protect(
     asked = None if budget is None else budget_of(budget, speech)
     single = None if belief is None else belief_of(belief, "--belief")
 
+    from inscrutable.budgets import remarks_of
     from inscrutable.datasets import read_beliefs
     from inscrutable.experiments import protect as experiment
     from inscrutable.experiments.attack import attack_weights

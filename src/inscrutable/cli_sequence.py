@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inscrutable.cli_console import SEED_KNOWN, Speech, results, show_table
-from inscrutable.cli_values import UsageError, belief_of, budget_of, remarks_of
+from inscrutable.cli_values import UsageError, belief_of, budget_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -37,7 +37,9 @@ def belief_now(belief: str | None, returns: Path | None, refused: dict[str, Any]
 
 
 _FEW_ROWS = 0.05
-"""Largest part of a regime's probability that may come from the belief before the first row, without a caution."""
+"""Largest part of a regime's probability that may come from the belief before the first row, without a caution. Of 30 stretches
+of the packaged returns the median part is .73 after three rows and .003 after six, the largest .86 after six and .08 after
+twelve."""
 
 
 def belief_after(path: Path, investor: InvestorModel, speech: Speech) -> tuple[Array, DataFrame, list[str]]:
@@ -74,6 +76,7 @@ def protect_next(
 
     import numpy as np
 
+    from inscrutable.budgets import remarks_of
     from inscrutable.experiments.own_model import investor_of
     from inscrutable.experiments.protect_sequence import protect_step
     from inscrutable.experiments.silence import budget_in

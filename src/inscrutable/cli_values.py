@@ -42,11 +42,6 @@ def budget_of(text: str, speech: Speech | None = None, option: str = "--budget")
     return found
 
 
-def remarks_of(budget: Budget | SilenceShare | None) -> list[str]:
-    """Return what is odd about a budget, as cautions beside the result."""
-    return [f"Caution: {budget.remark}."] if budget is not None and budget.remark else []
-
-
 def budgets_of(text: str) -> tuple[Any, tuple[float, ...]]:
     """Return the unit and the numbers of "0.05,0.1" (shares of |c*|), "silence:0.5,1" or "regret:0.002"."""
     from inscrutable.budgets import Budget, written_budget

@@ -30,7 +30,7 @@ _MISLED = 1.1
 the packaged returns, 1.14 with two columns of the beliefs exchanged."""
 _OVERCONFIDENT = 2.0
 """Factor of its expected error beyond which the aware observer assumes another rule than that of the weights: beside the true
-rule the factor is .9 to 1.7 on the packaged and on simulated returns, 4 to 13 with a tenth or ten times its budget."""
+rule the factor is .9 to 1.9 on the packaged and on simulated returns, 2.4 to 13 with a tenth to ten times its budget."""
 _NAIVE = "the naive observer, who takes the weights at face value"
 _AWARE = "the aware observer, who knows the rule and sees all rows so far"
 

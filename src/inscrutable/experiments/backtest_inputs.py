@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 _LISTED = 5
 _MOST_RISKLESS_A_YEAR = 0.3
-"""Mean riskless return a year above which rows may hold rates per year: .17 was met in the packaged months, in 1981."""
+"""Mean riskless return a year above which rows may hold rates per year: the largest of a packaged month, in June 1981, is .16 a
+year."""
 _PAPERS_BUDGET = Budget(0.1)
 _LOGGER = logging.getLogger(__name__)
 

@@ -222,14 +222,13 @@ def _climb_border(face: Any, aim: Any, basis: Any, y: Any, w: Any, room: Any) ->
 
 
 @internal
-def search_set(
-    s: int, climbs: Any, aim: Any, floor: float, has_lines: bool, regions: Any, basis: Any, optima: Any, room: Any
-) -> None:
-    """Improve the optimum of climb s in a region with sets larger than points.
+def search_set(s: int, turn: Any, aim: Any, floor: float, has_lines: bool, regions: Any, basis: Any) -> None:
+    """Improve the optimum of climb s of a turn in a region with sets larger than points.
 
     `floor` is the best value known. The ascent starts at the best ends of lines through the cheapest decision, if there are to
     be lines, at the decision that the climb was given, and at the best so far.
     """
+    climbs, optima, room = turn.climbs, turn.optima, turn.climb
     number = climbs.region[s]
     k = regions.size[number]
     face, best, given = face_of(regions, number, basis.shape[0]), np.empty(k + 1), np.empty(k + 1)

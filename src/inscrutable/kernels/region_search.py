@@ -433,7 +433,7 @@ def search_regions(steps: Any, aims: Any, regions: Any, starts: Any, basis: Any,
                 is_hopeless = -np.inf < optima.potential[j] < floor - MET
                 if aim.sign > 0.0 and not regions.is_point[number] and not is_hopeless:
                     has_lines = _is_new(reached, t, number, _LINES)
-                    search_set(j, climbs, aim, floor, has_lines, regions, basis, optima, turn.climb)
+                    search_set(j, turn, aim, floor, has_lines, regions, basis)
                 orthant = 0 if regions.is_point[number] else _orthant(optima.far[j], aim.point)
                 _record(reached, t, number, orthant, optima, j)
 

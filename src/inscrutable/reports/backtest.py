@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from inscrutable import __version__, tolerances
+from inscrutable.budgets import remarks_of
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest
 from inscrutable.experiments.backtest_sequential import SHARE_OF_SILENCE
@@ -82,9 +83,7 @@ def text_of(result: Backtest) -> str:
 
 def warnings_of(result: Backtest) -> list[str]:
     """Return warnings beside the verdict: an odd budget, doubts about the figures, and suspicious returns."""
-    asked = result.settings.budget
-    doubts = [f"Caution: {asked.remark}."] if asked is not None and asked.remark else []
-    doubts += [f"Doubtful: {each}." for each in result.doubts]
+    doubts = [*remarks_of(result.settings.budget), *(f"Doubtful: {each}." for each in result.doubts)]
     return [*doubts, *(f"Suspicious returns: {each}." for each in result.market.suspicious)]
 
 

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from inscrutable.kernels.copies import put, put_rows
 from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.options import inlined, internal, kernel
 from inscrutable.tolerances import ON_FACE, RANK, SAME_BELIEF, SIMPLEX_DIAMETER
@@ -259,8 +260,8 @@ def affine_hull(equalities: Any, basis: Any, tolerance: float, origin: Any, dire
     n_rows, n_states = equalities.shape
     room = room_for(n_rows, n_states)
     dimension, _, _ = hull_of(equalities, n_rows, basis, tolerance, room)
-    origin[:] = room.origin
-    directions[:, :] = room.directions
+    put(room.origin, origin)
+    put_rows(room.directions, directions)
     for axis in range(dimension):
         bands[axis, 0], bands[axis, 1] = band(room, axis, tolerance)
     return int(dimension)

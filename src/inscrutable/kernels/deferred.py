@@ -62,6 +62,18 @@ class _Deferred:
         """What the kernel is compiled for."""
         return list(self._compiled.signatures)
 
+    def compile_callee(self, callee: Any) -> None:
+        """Compile a kernel that this one calls, with the types that the interpreter gives it; another process may compile
+        this one meanwhile."""
+
+        def compiled_too(*arguments: Any) -> Any:
+            callee.compile(tuple(map(callee.typeof_pyval, arguments)))
+            return interpreted(*arguments)
+
+        interpreted = _interpreted(callee, {})
+        self._interpreted = _interpreted(self._compiled, {callee: compiled_too})
+        self._spent = -np.inf
+
     def __call__(self, *arguments: Any) -> Any:
         """Run the kernel."""
         if self._is_compiled or self._spent >= _patience[0] or self._is_cached(arguments):

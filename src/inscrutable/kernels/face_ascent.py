@@ -183,7 +183,8 @@ def _pull(curves: Any, rows: Any, aim: Any, basis: Any, turns: int, place: Any, 
         step[:] = 0.0
         if not project(units, sides, sides.size, k, PROJECTED, step, multipliers):
             return False
-        w[:k] += step[:k]
+        for a in range(k):
+            w[a] += step[a]
         for c in range(n):
             for i in range(n_states):
                 z[i] += basis[i, c] * step[k + c] / _EASE

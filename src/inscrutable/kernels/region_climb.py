@@ -186,7 +186,7 @@ def _directions_between(y: Any) -> Any:
 
 
 @internal
-def _climb_border(face: Any, aim: Any, basis: Any, y: Any, w: Any, room: Any) -> float:
+def climb_border(face: Any, aim: Any, basis: Any, y: Any, w: Any, room: Any) -> float:
     """Improve y and its decision w with y's zero probabilities held; returns the budget's multiplier, 0 where it is not known.
 
     On the boundary of the decisions that some belief explains the set is a point, and the distance has no useful gradient.
@@ -259,7 +259,7 @@ def search_set(s: int, turn: Any, aim: Any, floor: float, has_lines: bool, regio
         for _ in range(2):
             was_on_border = _is_on_border(y, k)
             if was_on_border:
-                weight = _climb_border(face, aim, basis, y, trial, room)
+                weight = climb_border(face, aim, basis, y, trial, room)
                 _keep(face, aim, basis, trial, weight, optima, s, room)
             known = max(floor, optima.value[s])
             value, weight = ascend(face, rows, aim, basis, trial, y, known, room.distance)

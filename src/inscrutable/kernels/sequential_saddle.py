@@ -458,8 +458,9 @@ def _model(weights: Any, data: StepData, price: float, point: Point) -> SaddleMo
         m = played[a]
         own_slope(data, point.estimates[m], slope)
         for i in range(d):
-            turns[a * d + i] = (slope[i] - 2.0 * data.points[i]) / price
-            moves[a * d + i] = point.law[m] * point.ratios[m] * turns[a * d + i]
+            for b in range(count):
+                turns[a * d + i, b] = (slope[i] - 2.0 * data.points[i, b]) / price
+                moves[a * d + i, b] = point.law[m] * point.ratios[m, b] * turns[a * d + i, b]
     gradient, hessian, mixed = np.zeros(size), np.zeros((size, size)), np.zeros((n, size))
     law, gains = np.zeros((n, n)), np.zeros(n)
     _products(weights, point, law)

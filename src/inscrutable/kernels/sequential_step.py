@@ -58,10 +58,9 @@ def _guesses(weights: Any, data: StepData, price: float, columns: Any, point: Po
     for k in range(n):
         moments(weights * point.ratios[k] / (weights @ point.ratios[k]), data.points, mean, spread)
         own_curve(data, point.estimates[k], curves[k])
-        curves[k] *= 0.25 * price
         for i in range(d):
             for j in range(i + 1):
-                spread[i, j] += curves[k, i, j]
+                spread[i, j] += 0.25 * price * curves[k, i, j]
         factored(spread, factors[k], d)
     for m in range(len(estimates)):
         nearest, least = 0, np.inf
@@ -78,7 +77,7 @@ def _guesses(weights: Any, data: StepData, price: float, columns: Any, point: Po
         for i in range(d):
             step[i] = -turn[i]
             for j in range(d):
-                step[i] += curves[nearest, i, j] * right[j]
+                step[i] += 0.25 * price * curves[nearest, i, j] * right[j]
             square += (point.estimates[nearest, i] + step[i]) ** 2
         length = longest(data, point.estimates[nearest], step)
         if square > farthest and data.width == 0:  # estimates are means of the points

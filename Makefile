@@ -20,7 +20,7 @@ help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1|\2/p' $(MAKEFILE_LIST) | while IFS='|' read -r name text; do \
 		printf '  %-14s %s\n' "$$name" "$$text"; done
 
-demo: .venv/.core ## walk an investor through 27 years of real returns, into demo/
+demo: kernels ## walk an investor through 27 years of real returns, into demo/
 	$(BIN)/inscrutable backtest --out demo
 
 docs: export OPENBLAS_NUM_THREADS := 1
@@ -37,10 +37,10 @@ test: .venv/.core ## lint, types, layout, unit tests, doctests, documents and ex
 	@$(MAKE) --no-print-directory -j 2 lint types imports kernels
 	$(BIN)/pytest -n 2 --dist worksteal
 
-# Once and on both cores; test processes would compile the same ones side by side. It needs no more than the package itself, so
-# the tools of the tests are installed meanwhile.
+# Once and on both cores: the demo would compile them on one, test processes the same ones side by side. It needs no more than
+# the package itself, so the tools of the tests are installed meanwhile.
 kernels: .venv/.core
-	$(BIN)/inscrutable compile --quiet
+	$(BIN)/inscrutable compile
 
 lint: .venv/.test ## style and formatting
 	$(BIN)/ruff check --quiet .

@@ -216,6 +216,21 @@ def test_what_contradicts_a_budget_is_named_and_nothing_else() -> None:
         RateDistortionDecisionMaker(problem, 5.0, prior=prior, guarantees=[never]).solve()
 
 
+@pytest.mark.parametrize("seed", [266, 296, FRESH + 7])
+def test_without_a_budget_every_belief_plays_its_own_best_decision(seed: int) -> None:
+    for rng in map(np.random.default_rng, range(seed, seed + instances(4))):
+        n_states, n_actions = rng.integers(2, 4), rng.integers(2, 5)
+        costs = np.round(
+            rng.uniform(0.0, 2.0, (n_states, n_actions)), 1
+        )  # one decision is often the best for every belief
+        prior = Prior(rng.dirichlet(np.ones(n_states), 3), np.full(3, 1.0 / 3.0))
+        least, given = (prior.beliefs @ costs).min(axis=1), [MaximalLeakageCap(10.0)]
+        for make in (RateDistortionDecisionMaker, StackelbergDecisionMaker):
+            made = make(FiniteProblem(costs), Budget.regret(0.0), prior=prior, guarantees=given).mechanism
+            paid = ((prior.beliefs @ costs)[:, made.actions] * made.probabilities).sum(axis=1)
+            assert paid == pytest.approx(least, abs=1e-9)
+
+
 def test_portfolios_under_a_cap() -> None:
     rng = np.random.default_rng(FRESH + 6)
     problem = MarkowitzProblem(0.05 * rng.normal(size=(3, 3)), [0.1 * np.eye(3)] * 3, 1.0)

@@ -81,8 +81,9 @@ class LeastInformation(ToldAim):
         return max(float(game.weights @ (table * ratios).sum(axis=1)), 0.0)
 
     def gains(self, game: PlayedGame, table: Array, which: np.ndarray) -> Array:
-        """Return w_b log(r_b/w_b) with the posterior laws r."""
-        ratios = table[:, which] / game.played(table)[which]
+        """Return w_b log(r_b/w_b) with the posterior laws r; the prior's where u is not played."""
+        chosen, played = table[:, which], game.played(table)[which]
+        ratios = np.divide(chosen, played, out=np.ones_like(chosen), where=played > 0)
         return np.asarray(game.weights[:, None] * np.log((1.0 - tolerances.LEAST_LAW) * ratios + tolerances.LEAST_LAW))
 
     def at(self, game: PlayedGame, table: Array) -> RowBlock:
@@ -148,7 +149,7 @@ class Spending(RowsAndCuts):
     @property
     def unit(self) -> float:
         """The unit of excess: (spent − limit + largest limit)/unit lies between 0 and 1."""
-        return float(self.limits.max()) + max(float(self.regrets.max()), np.finfo(float).tiny)
+        return float(self.limits.max() + self.regrets.max()) or 1.0
 
     def excess(self, table: Array) -> float:
         """Return the largest excess over a budget; negative where none is exceeded."""

@@ -287,6 +287,7 @@ def test_a_sequence_is_gone_on_with_against_the_same_rival(fresh_rng: np.random.
             RivalProblem(MarkowitzProblem(np.ones((2, 2)) / 50, [np.eye(2) / 100] * 2, 4.0)),
             "a hidden belief costs it nothing",
         ),
+        (RivalProblem(MarkowitzProblem([[0.1, 0.2]] * 2, [np.eye(2)] * 2, 1.0)), "a hidden belief costs it nothing"),
         (RivalProblem(FiniteProblem([[0.0, 1.0], [0.0, 1.0]])), "a hidden belief costs it nothing"),
         (RivalProblem(FiniteProblem([[0.0], [1.0]])), "one best answer"),
         (RivalProblem(FiniteProblem(np.eye(3))), "3 states"),

@@ -166,7 +166,7 @@ def stakes_of(loss: Loss, chain: BeliefChain, schedule: Schedule) -> Stakes:
         if isinstance(rival, FiniteProblem)
         else _convex(loss, chain, schedule)
     )
-    if not made.loss_of(prior.weights) - made.floor(prior.weights) > _rounding(made):
+    if made.width == 0 or not made.loss_of(prior.weights) - made.floor(prior.weights) > _rounding(made):
         raise InputError("the rival's best answer is the same under every belief: a hidden belief costs it nothing")
     return made
 

@@ -528,6 +528,10 @@ def test_schedules_side_by_side() -> None:
         expected = np.sqrt(np.mean([2 * flips[age] * (1 - flips[age]) for age in ages]))
         row = table.of(text)
         assert row.error == pytest.approx(expected, abs=5 * row.error_se + 1e-9)
+        # The first decision tells one bit, each further one whether the belief has flipped since the last.
+        flip, count = flips[len(ages)], 24 // len(ages)
+        told = 1.0 - (count - 1) * (flip * np.log2(flip) + (1 - flip) * np.log2(1 - flip))
+        assert row.total == pytest.approx(told, abs=5 * row.total_se + 1e-9)
     assert table.prior_error == pytest.approx(np.sqrt(0.5))
     for wrong, said in ((["every(20)"], "steps"), (["exact", "exact"], "different"), ([], "one at least")):
         with pytest.raises(InputError, match=said):
@@ -540,7 +544,9 @@ def test_the_verb_writes_a_table_and_a_picture(tmp_path: Any, capsys: pytest.Cap
     out = tmp_path / "out"
     asked = ["disclose", "--market", "paper", "--resolution", "3", "--draws", "10", "--steps", "8", "--out", str(out)]
     assert main([*asked, "--disclosures", "exact; every(2)|delayed(1)"]) == 0
-    assert "every(2)|delayed(1)" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "every(2)|delayed(1)" in said
+    assert "in 8 steps" in said
     assert list(pd.read_csv(out / "disclosures.csv")["disclosure"]) == ["exact", "every(2)|delayed(1)"]
     assert {"disclosures.csv", "disclosures.png", "disclosures.svg", "summary.json"} <= {
         each.name for each in out.iterdir()

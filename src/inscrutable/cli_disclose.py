@@ -33,8 +33,8 @@ def disclose(
 ) -> None:
     """Compare schedules of publication: how often, how late, and which parts of each decision.
 
-    One row per schedule: the bits that a step reveals, and the error about the present belief of the aware observer, who knows
-    the rule, the model and the schedule. Example: inscrutable disclose --disclosures "every(3); every(3)|delayed(2); top(5)"
+    One row per schedule: the bits that a step and all steps reveal, and the error about the present belief of the aware
+    observer, who knows the rule, the model and the schedule. Example: inscrutable disclose --disclosures "every(3); every(3)|delayed(2); top(5)"
 
     Args:
         market: returns (the 12 US industries that come with the package, one step a month), paper (a random market), or the
@@ -45,7 +45,7 @@ def disclose(
             usual ones.
         rule: The decision rule; all but ODM, the optimal decisions, spend half the silence regret. The sequential rule is
             computed for each schedule, which takes a minute or two each: name few.
-        steps: Length of the paths; only the second half counts.
+        steps: Length of the paths; for the bits a step and the error only the second half counts.
         draws: Sampled paths.
         seed: The same seed gives the same numbers.
         out: Folder for the table, the figure and summary.json.

@@ -46,6 +46,8 @@ class DisclosureRow(Saved):
         error: Root mean square error of the estimate of the present belief over the counted steps, Euclidean.
         error_se: Its standard error, at most.
         errors: Root mean square error at every step, shape (T,).
+        total: Leakage of all steps together, in bits.
+        total_se: Its standard error.
     """
 
     disclosure: str
@@ -54,6 +56,8 @@ class DisclosureRow(Saved):
     error: float
     error_se: float
     errors: Array
+    total: float
+    total_se: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,6 +101,8 @@ class DisclosureTable(Summarised, Saved):
                     "error": row.error,
                     "error_se": row.error_se,
                     "share_of_prior_error": self._share(row),
+                    "bits_in_all": row.total,
+                    "bits_in_all_se": row.total_se,
                 }
                 for row in self.rows
             ]
@@ -106,6 +112,7 @@ class DisclosureTable(Summarised, Saved):
         """Return the same as text."""
         cells = {
             "bits a step": [f"{row.bits:.3f}" for row in self.rows],
+            f"in {self.n_steps} steps": [f"{row.total:.1f}" for row in self.rows],
             "error": [f"{row.error:.3f}" for row in self.rows],
             "of the error without": [f"{self._share(row):.0%}" for row in self.rows],
         }
@@ -166,11 +173,11 @@ def under_disclosures(
         >>> book = Mechanism(np.eye(2), [0, 1], np.eye(2), 1 - np.eye(2))
         >>> found = under_disclosures(chain, book, ["exact", "delayed(1)", "every(3)"], rng=np.random.default_rng(0))
         >>> print(found.lines().to_string())
-                   bits a step  error of the error without
+                   bits a step in 24 steps  error of the error without
         shown
-        exact            0.469  0.000                   0%
-        delayed(1)       0.469  0.424                  60%
-        every(3)         0.267  0.398                  56%
+        exact            0.469        11.8  0.000                   0%
+        delayed(1)       0.469        11.3  0.424                  60%
+        every(3)         0.267         6.6  0.398                  56%
     """
     asked = [Disclosure.of(each) for each in disclosures]
     if not asked or len(set(map(str, asked))) < len(asked):
@@ -197,6 +204,8 @@ def under_disclosures(
                 error,
                 spread / error if error > 0 else 0.0,
                 found.bayes_error,
+                float(found.cumulative[-1]),
+                float(found.cumulative_se[-1]),
             )
         )
         prior_error = float(found.prior_error[-1])

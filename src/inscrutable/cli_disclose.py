@@ -34,7 +34,8 @@ def disclose(
     """Compare schedules of publication: how often, how late, and which parts of each decision.
 
     One row per schedule: the bits that a step and all steps reveal, and the error about the present belief of the aware
-    observer, who knows the rule, the model and the schedule. Example: inscrutable disclose --disclosures "every(3); every(3)|delayed(2); top(5)"
+    observer, who knows the rule, the model and the schedule. Example: inscrutable disclose --disclosures "every(3);
+    every(3)|delayed(2); top(5)"
 
     Args:
         market: returns (the 12 US industries that come with the package, one step a month), paper (a random market), or the

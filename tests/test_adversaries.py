@@ -184,6 +184,22 @@ def test_the_true_belief_is_always_affordable(seed, sign):
         assert found.distance(belief) == 0
 
 
+@pytest.mark.parametrize("seed", [55, 66, 119, 123])
+def test_budgets_near_the_accuracy_of_costs_have_a_set_that_contains_the_belief(seed):
+    rng = np.random.default_rng(seed)
+    n_states, n_actions = rng.integers(2, 5), rng.integers(2, 5)
+    factors = rng.normal(size=(n_states, n_actions, n_actions))
+    covariances = 0.01 * (factors @ factors.swapaxes(1, 2) + np.eye(n_actions))
+    problem = MarkowitzProblem(0.02 * rng.normal(size=(n_states, n_actions)), covariances, 5.0)
+    for budget in (1e-7, 1e-6, 1e-5):
+        belief = rng.dirichlet(np.ones(n_states) * rng.choice([0.3, 1.0]))
+        found = BudgetAwareAdversary(problem, budget).infer(problem.solve(belief))
+        assert found.contains(belief)
+        low, high = found.bounds().T
+        assert (low <= belief + 1e-5).all()
+        assert (belief <= high + 1e-5).all()
+
+
 @pytest.mark.parametrize("budget", [0.3, Budget.regret(0.02)])
 def test_estimates_without_a_prior_are_members(budget):
     rng = np.random.default_rng(4)

@@ -81,6 +81,11 @@ class NearOptimalBeliefs:
         """Labels of the states, where the problem has them."""
         return self.problem.state_names
 
+    @property
+    def _level(self) -> float:
+        """The excess that the planes leave: half the accuracy, so that they close. A set is empty where each excess is larger."""
+        return 0.5 * self.accuracy
+
     @cached_property
     def _own_costs(self) -> Array:
         return self.problem.state_costs(self.action)
@@ -103,7 +108,7 @@ class NearOptimalBeliefs:
     @property
     def is_empty(self) -> bool:
         """Whether the regret exceeds ε under every belief."""
-        return self.residual > self.accuracy
+        return self.residual > self._level
 
     @property
     def dimension(self) -> int:
@@ -169,7 +174,7 @@ class NearOptimalBeliefs:
         planes = np.array(self._planes)
         scale = max(float(np.abs(planes).max()), self.regret, self.accuracy)
         normals = np.vstack([planes / scale, -np.eye(self.n_states)])
-        level = (self.regret + 0.5 * self.accuracy) / scale
+        level = (self.regret + self._level) / scale
         allowed = np.concatenate([np.full(len(planes), level), np.zeros(self.n_states)])
         return np.asarray(normals @ self._basis), np.asarray(allowed - normals @ centre)
 

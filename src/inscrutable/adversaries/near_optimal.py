@@ -83,7 +83,7 @@ class NearOptimalBeliefs:
 
     @property
     def _level(self) -> float:
-        """The excess that the planes leave: half the accuracy, so that they close. A set is empty where each excess is larger."""
+        """The excess that planes leave: half the accuracy, so that they close. A set is empty where every excess is larger."""
         return 0.5 * self.accuracy
 
     @cached_property

@@ -39,8 +39,9 @@ class PathLeakage(Summarised, Saved):
     Args:
         added: I(π_0..π_t; u_t | u_0..u_{t−1}) = E[log2 K(u_t|π_t) − log2 p(u_t|u_0..u_{t−1})]: what the decision of a step
         leaks about the beliefs so far, beyond the decisions before it.
-        cumulative: I(π_0..π_t; u_0..u_t), the sum of `added` up to the step. With public observations each term is conditional
-            on those up to its own step, so that the sum is the directed information: later ones may tell the same again.
+        cumulative: I(π_0..π_t; u_0..u_t), the sum of `added` up to the step; a negative mean over sampled paths counts in the
+            sum and is 0 in `added`. With public observations each term is conditional on those up to its own step, so that
+            the sum is the directed information: later ones may tell the same again.
         belief_information: I(π_t; u_0..u_t): what all decisions so far leak about the present belief.
         state_information: I(x_t; u_0..u_t): the same of the present state.
         bayes_error: √E‖π_t − E[π_t|u_0..u_t]‖², Euclidean.

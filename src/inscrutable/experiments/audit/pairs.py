@@ -59,10 +59,12 @@ def paired(secrets: Any, published: Any, lags: Sequence[int], kind: Kind | None)
     if both.all() or lags == (0,):
         _say_missing(int((both & ~whole).sum()), edge, notes)
     else:
-        count = int(hidden.notna().any(axis=1).sum())
+        known = hidden.notna()
+        count, blank = int(known.any(axis=1).sum()), int((known.any(axis=1) & ~known.all(axis=1)).sum())
         notes.append(
-            f"{count - int(whole.sum())} of {count} rows of secrets have no decision at every lag and are left out; lags count "
-            "the rows of both tables together"
+            f"{count - int(whole.sum())} of {count} rows of secrets have no decision at every lag"
+            + (f" or, {blank} of them, lack a secret," if blank else "")
+            + " and are left out; lags count the rows of both tables together"
         )
     if whole.sum() < LEAST_ROWS:
         raise InputError(

@@ -26,12 +26,12 @@ class Budget:
 
     Formula: ρ ≤ c_b·|c*| for `Budget.relative(c_b)`; ρ ≤ r for `Budget.regret(r)`.
 
-    The paper's c* (1 + c_b) is the first one wherever c* > 0; with |c*| it stays feasible where c* < 0, which is the
-    rule on real returns. Decisions under `Budget.regret` do not change when a constant is added to all costs.
+    The paper's bound c* (1 + c_b) is the relative budget wherever c* > 0. With |c*| it stays feasible for negative c*, the
+    usual case on real returns. Decisions under `Budget.regret` do not change when a constant is added to all costs.
 
     Args:
         amount: c_b, a share of |c*|, or r in the cost's unit; at least 0.
-        is_relative: Which of the two.
+        is_relative: Whether the amount is a share.
 
     Raises:
         InputError: The amount is negative or not finite.

@@ -57,9 +57,9 @@ def filter_beliefs(world: HiddenMarkovModel, observations: ArrayLike, *, public:
 def filter_beliefs(world: HiddenMarkovModel, observations: Any, *, public: Any = None) -> FilterResult[Any]:
     """Return the private beliefs of an agent after each of its `observations`.
 
-    π_t(j) ∝ p(y_t | x_t = j) Σ_i π_{t-1}(i) P_ij, where x_0 has the law `world.initial` before y_0 is seen; times
-    p(z_t | x_t = j) where the world has a public sensor, which the agent observes too. In log space, so
-    observations that favour one state by thousands of orders of magnitude, in turn, are filtered right. Causal: more
+    π_t(j) ∝ p(y_t | x_t = j) Σ_i π_{t-1}(i) P_ij, where x_0 has the law `world.initial` before y_0 is seen; times p(z_t |
+    x_t = j) where the world has a public sensor, which the agent observes too. The computation is in log space, and right
+    also for observations that favour one state after another by thousands of orders of magnitude. It is causal: more
     observations never change an earlier row, not even its last digit.
 
     Args:
@@ -108,7 +108,7 @@ def filter_beliefs(world: HiddenMarkovModel, observations: Any, *, public: Any =
 
 
 class BeliefFilter:
-    """The private belief of a live agent, one observation at a time: the numbers of `filter_beliefs`, bit for bit.
+    """The filter of an agent, one observation at a time; its beliefs equal those of `filter_beliefs` to the last bit.
 
     Args:
         world: The hidden Markov model.

@@ -49,7 +49,7 @@ class Posterior(Summarised, Saved):
     Args:
         weights: p(π_b|u), shape (B,); all NaN where the decision is never played.
         mean: E[π|u] = Σ p(π_b|u) π_b, shape (X,); NaN where the decision is never played.
-        beliefs: π_b, shape (B,X), the mechanism's.
+        beliefs: π_b, the mechanism's beliefs, shape (B,X).
         status: Whether the mechanism plays the decision, and if not, what the numbers mean.
         probability: p(u), the probability under the prior of the decision, or of those that it is read as; 0 where unknown.
         distance: Euclidean distance from the decision to the nearest played one, in the decision's unit; 0 for a played one.

@@ -21,7 +21,7 @@ _TRIED_SHARE = 0.3
 
 
 class DataAdversary:
-    """An observer who learned from pairs of beliefs and decisions, without costs, rule or prior.
+    """An observer who has learned from pairs of belief and decision, and knows neither costs nor rule nor prior.
 
     Formula: the estimate is the prediction ŷ(u) of one learner (ridge regression, nearest neighbours, a tree, or the mean
     belief): the one of least error on the last 30 % of the pairs after fitting to the first 70 %. Negative entries are set to

@@ -219,7 +219,7 @@ class PriorReader(SetObserver):
 
 
 class NearOptimalAdversary(PriorReader):
-    """The near-optimal observer, who allows the agent a regret: rounding, haste, or an error of the model.
+    """The near-optimal observer, who allows for a regret: rounding, inexact optimisation, or an error of the model.
 
     Formula: Π_ε(u) = {π : ρ(π,u) ≤ ε}; the estimate is the member nearest to the middle of its bounds, or under a prior
     Σ w_b π_b / Σ w_b over the prior's beliefs in the set.

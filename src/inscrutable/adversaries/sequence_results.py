@@ -60,7 +60,7 @@ class InferredBeliefs(Summarised, Saved):
         effective_size: 1/Σ w² over the beliefs of the grid, or over the particles, shape (T,).
         interpolation_error: Expected distance of the agent's belief from the mechanism's beliefs that represent it at that
             step, shape (T,); 0 everywhere where the law is exact.
-        n_particles: 0 on a grid.
+        n_particles: Number of particles; 0 on a grid.
 
     Source: Mattila, Rojas, Krishnamurthy, Wahlberg, Inverse Filtering for Hidden Markov Models (2017).
 

@@ -38,7 +38,7 @@ Objective = Literal["information", "error"]
 
 
 class AlphaDecisionMaker:
-    """The rule of least leakage, or of largest error, about a private mean against the aware observer at a mean regret.
+    """The rule that leaks least about a private mean, or leaves the aware observer the largest error, at a mean regret.
 
     Formula: with E the covariance of m − m̂ after a decision and Θ of the problem, tr(ΘE) is the mean regret. "information"
     leaks the fewest bits, min ½ log det P − ½ log det E; "error" leaves the largest tr(QE); over 0 ⪯ E ⪯ P. Where several rules

@@ -24,10 +24,10 @@ _LARGE = 400  # signals from which on eigenvectors are computed one by one
 
 @dataclass(frozen=True, eq=False)
 class AlphaDecision(Saved):
-    """The optimal decision of a decoy, a mean other than the true one.
+    """The optimal decision under a decoy, a mean other than the true one.
 
     Args:
-        weights: u, shape (n,): the optimal decision for the decoy.
+        weights: u, shape (n,): the optimal decision under the decoy.
         decoy: m̂, shape (k,): the view nearest to the true mean among those that explain u.
         privacy: Distance from the true mean to the implied views Π(u), in the unit of m.
         regret: ρ(m,u), in the unit of returns.

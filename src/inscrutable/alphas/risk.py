@@ -143,7 +143,7 @@ class DenseRisk(Risk):
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class FactorRisk(Risk):
-    """The covariance of n assets by k factors and specific variances, which is never multiplied out.
+    """The covariance of n assets by k factors and specific variances, whose n×n matrix is never formed.
 
     Formula: V = F Ω F' + D; V⁻¹ = D⁻¹ − D⁻¹L (I + L'D⁻¹L)⁻¹ L'D⁻¹ with L = F Ω^{1/2}.
 

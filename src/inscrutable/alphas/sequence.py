@@ -54,11 +54,11 @@ class AlphaPath(Saved):
 
     Args:
         actions: u_t, shape (T,n).
-        estimates: m̂_t, the observer's mean after each decision, shape (T,k); with inequalities that of an observer who is told
-            m̂_t, of which weights at a limit reveal a part only.
-        predictions: m̂_t⁻, its mean before it, shape (T,k).
+        estimates: m̂_t, the observer's mean after each decision, shape (T,k); with inequalities the mean of an observer who
+            sees m̂_t itself, of which weights at a limit reveal only a part.
+        predictions: m̂_t⁻, the observer's mean before each decision, shape (T,k).
         regrets: Regret of each decision, shape (T,).
-        bits: Leakage of each decision by the observer's law, shape (T,); the first ones differ from the long run.
+        bits: Leakage of each decision under the observer's law, shape (T,); the first values differ from the long run.
 
     Example:
         >>> zero = np.zeros((2, 1))
@@ -106,7 +106,7 @@ class PreparedAlphas(Protocol):
 
 
 class AlphaSequence(KeptInFile):
-    """Decisions about a private mean, one after the other; `AlphaDecisionMaker.begin` makes it.
+    """A sequence of decisions about a private mean; `AlphaDecisionMaker.begin` makes it.
 
     At every step `decide` draws a decision, any number of times; `publish` records the published one. `observe`, or the next
     `decide`, ends the step; `observe` takes the public observation of a world with a public sensor. The law of a decision given

@@ -179,9 +179,10 @@ def decoy_grid(problem: DecisionProblem, resolution: int, *, faces: bool = False
     """Return the optimal decisions of decoys, beliefs spread over the simplex that the agent may play in place of its own.
 
     Formula: {u*(y) : y ∈ Δ_X, r·y whole}; nothing plausible is lost, since Π(u) ≠ ∅ exactly when u = u*(y) for some y.
-    Where these would be more than 600,000, the finest regular grid of that size is taken, and above six states it is
-    filled up with low-discrepancy points in the interior (`geometry.low_discrepancy.simplex_cover`). Either way all
-    vertices are there and all faces of the simplex are covered; `summary()` states how near every belief has a decoy.
+    Where these would be more than 600,000, the finest regular grid of that size is taken, and above six states it is filled
+    up with low-discrepancy points in the interior (`geometry.low_discrepancy.simplex_cover`). Either way all vertices are
+    there and all faces of the simplex are covered; `summary()` states the largest distance from a belief to the nearest
+    decoy.
 
     Args:
         problem: The decision problem.

@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Decisions with what does not depend on the agent's belief: their state costs and what an observer infers.
+    """Decisions with their state costs and what an observer infers from them; neither depends on the agent's belief.
 
     Args:
         actions: Decisions, shape (M,U).
@@ -40,8 +40,8 @@ class Candidates:
         n_outside: How many decisions lie outside the feasible set; they are never chosen.
         decided: The latest searches from these candidates, which decision makers share.
 
-    Many decoys may share one decision, most of all where few assets are held: `distinct` are the first candidates of
-    every decision, `same_as` says for every candidate which of these it is.
+    Many decoys may have the same optimal decision, above all where few assets are held. `distinct` are the first candidates
+    of every decision; `same_as` gives for every candidate the one of these with its decision.
 
     Source: the paper, Assumption 1.
 

@@ -28,7 +28,7 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CheapestPrivacy(Summarised, Saved):
-    """The decision of least regret found that reaches a privacy.
+    """The decision of least regret, of those found, that reaches a given privacy.
 
     Args:
         regret: Its cost above the optimal cost, in the cost's unit; infinite where no decision found reaches the privacy.
@@ -67,7 +67,7 @@ def cheapest_privacy(
     privacy: float | None = None,
     candidates: Candidates | ArrayLike | None = None,
 ) -> CheapestPrivacy:
-    """Return the decision of least regret found with at least a given privacy.
+    """Return the decision of least regret, of those found, with at least a given privacy.
 
     Formula: min ρ(π,ū) over admissible ū with Ψ(ū) ≥ privacy, searched over the candidates and on the rays to them; for a
     distance from the true belief and quadratic costs also by decisions of largest distance at falling budgets.

@@ -46,7 +46,7 @@ class GlobalSearch:
         certify: The relative gap of a proof by branch and bound, such as 0.01: `privacy_bound` then holds for every affordable
             decision, admissible or not. For linear costs the proof is exact and covers mixtures of tied vertices; for a
             finite problem it covers the choices alone, unless candidates mix them. None asks for no proof.
-        max_oracle_calls: Beliefs solved for one proof, after which the bound stands as it is.
+        max_oracle_calls: Largest number of beliefs solved for one proof; the bound reached by then is returned.
 
     Raises:
         InputError: The gap is not between 0 and 1, or the number of calls is not positive.
@@ -70,7 +70,7 @@ class GlobalSearch:
 
 
 class CounterAdversarialDecisionMaker(HidingDecisionMaker[Decision, Decisions]):
-    """The most private decision that the budget allows (CDM).
+    """The counter-adversarial decision maker (CDM): the decision of largest privacy within the budget.
 
     Formula: max_ū Ψ(ū) over ū ∈ C with ρ(π,ū) ≤ budget; decisions that no belief explains are excluded by default.
 
@@ -78,7 +78,7 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker[Decision, Decisions]):
         problem: The decision problem, known to the observer.
         measure: The privacy measure Ψ.
         budget: A share of |c*|, or a `Budget`.
-        candidates: What the global search starts from; None is about 5,000 decoys. Decisions (M,U) are accepted.
+        candidates: Starts of the global search; None is about 5,000 decoys. Decisions (M,U) are accepted.
         method: `GlobalSearch()` or the paper's `LocalSearch(n_starts, rng)`.
         on_empty: "exclude" or "infinite": what an empty consistent set is worth to measures (b), (d) and (e).
 

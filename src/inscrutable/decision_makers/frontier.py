@@ -29,9 +29,9 @@ class Frontier(Summarised, Saved):
     Args:
         belief: The true belief, shape (X,).
         optimal_cost: V(π), in the cost's unit; a share c_b of it is the regret c_b·|V(π)|.
-        points: Regret and privacy of the undominated decisions, shape (K,2), by rising regret.
-        corners: Those of them on the concave envelope, shape (H,2).
-        indices: Which candidate each point is; the number of candidates itself stands for the optimal decision.
+        points: Regret and privacy of the undominated decisions, shape (K,2), by increasing regret.
+        corners: The points on the concave envelope, shape (H,2).
+        indices: Index of each point's candidate; the number of candidates stands for the optimal decision.
 
     Source: the paper, eq. (12) and Figure 7, for all budgets.
 

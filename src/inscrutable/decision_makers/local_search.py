@@ -36,7 +36,7 @@ much six gain up to 2 %."""
 
 @dataclass(frozen=True)
 class LocalSearch:
-    """SLSQP over the decision, from random affordable starts: the paper's solver, with its local optima.
+    """The paper's solver: SLSQP over the decision, from random affordable starts, which finds local optima.
 
     A start is drawn uniformly from the feasible set and moved toward the optimal decision until it is affordable; starts
     that no belief explains are drawn again, because the privacy there is undefined. Trials that no belief explains

@@ -40,7 +40,8 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True)
 class Envelope:
-    """Lotteries on the concave envelope of all candidates, the optimal decision and the CDM's: exact at any budget.
+    """Lotteries on the concave envelope of all candidates, the optimal decision and the CDM's decision; exact at any
+    budget.
 
     Source: the paper's eq. (12); one budget row beside Σp = 1 leaves an optimum of at most two atoms.
 
@@ -63,7 +64,7 @@ class LinearProgramme:
 
 
 class ProbabilisticDecisionMaker(HidingDecisionMaker[MixedDecision, MixedDecisions]):
-    """The lottery of largest expected privacy that the budget allows in expectation (PDM).
+    """The probabilistic decision maker (PDM): the most private lottery whose expected regret is within the budget.
 
     Formula: max_p Σ p_l Ψ(ū_l) with Σ p_l ρ(π,ū_l) ≤ budget, Σ p_l = 1, p ≥ 0.
 

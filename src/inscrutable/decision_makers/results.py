@@ -130,10 +130,10 @@ class Decision(_Result):
         regret: cost − optimal cost, at least 0.
         privacy: Ψ(ū), the privacy against the naive observer.
         privacy_bound: No affordable decision has more privacy than this.
-        decoy: A belief that the decision is optimal for, shape (X,); NaN where there is none.
+        decoy: A belief for which the decision is optimal, shape (X,); NaN where there is none.
         status: How the decision came about.
-        problem: The decision problem, from which `belief_set`, Π(ū), what that observer reconstructs, is made on access.
-        price: ∂Ψ/∂budget, what one more unit of regret would add to the privacy; NaN where the search does not know it.
+        problem: The decision problem; from it `belief_set`, the consistent beliefs Π(ū), is computed on access.
+        price: ∂Ψ/∂budget, the privacy that one more unit of regret would add; NaN where the search does not know it.
         oracle_calls: Beliefs solved for the proof of `privacy_bound`; 0 without one.
 
     Source: the paper, Approach 1.
@@ -198,21 +198,21 @@ class Decision(_Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MixedDecision(_Result):
-    """A lottery, or randomised decision: draw one with `sample`.
+    """A lottery (randomised decision); `sample` draws one of its atoms.
 
     Args:
         actions: Atoms, shape (k,U).
         probabilities: Shape (k,), summing to one.
-        regrets: Of each atom, shape (k,), in the cost's unit.
+        regrets: Regret of each atom, shape (k,), in the cost's unit.
         privacies: Ψ of each atom, shape (k,).
         expected_cost: Σ p_l π·s(ū_l), in the cost's unit.
         expected_privacy: Σ p_l Ψ(ū_l).
         optimal_cost: c* = V(π).
         privacy_bound: No affordable mixture has more expected privacy than this.
-        price: Slope of the expected privacy in the budget, per unit of cost.
-        decoys: A belief each atom is optimal for, shape (k,X); NaN where there is none.
+        price: Slope of the expected privacy in the budget: the privacy that one more unit of expected regret would add.
+        decoys: A belief for which each atom is optimal, shape (k,X); NaN where there is none.
         status: How the decision came about.
-        problem: The decision problem, from which `belief_sets`, Π of each atom, are made on access.
+        problem: The decision problem; from it `belief_sets`, Π of each atom, are computed on access.
         oracle_calls: Beliefs solved for the proof of `privacy_bound`; 0 without one.
 
     Source: the paper, Approach 2 and eq. (12).

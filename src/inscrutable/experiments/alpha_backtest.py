@@ -170,7 +170,7 @@ def alpha_backtest(
 
 
 def momentum_alphas(returns: pd.DataFrame, strength: float = 0.05) -> pd.DataFrame:
-    """Return alphas by momentum: the past year without its last month, standardised across assets.
+    """Return momentum alphas: mean returns over the past year without its last month, standardised across assets.
 
     Formula: m = strength · σ_i · z_i, with z_i the standard score of the mean return of rows t−12 … t−2 among the assets,
     and σ_i the asset's standard deviation over all rows before t. A row uses earlier rows only; the first 24 rows have no

@@ -38,7 +38,7 @@ class AlphaSettings:
         risk_aversion: γ of γu'Vu − m'u.
         budget: The mean regret, a share of the silence regret or a regret.
         objective: "information" or "error".
-        covariance: How V is estimated from the training sample: "sample", "ledoit-wolf" or "factor:k"; None chooses by the
+        covariance: Estimator of V from the training sample: "sample", "ledoit-wolf" or "factor:k"; None chooses by the
             amount of data.
         train_until: Last date of the training sample, or the month or year at whose end it ends.
         seed: Seed of the draws.

@@ -51,7 +51,7 @@ class InvestorModel:
         problem: The portfolio problem, X regimes and U assets.
         assets: U different labels, in the order of the weights.
         regimes: X different labels, in the order of a belief's entries.
-        budget: The default budget for privacy.
+        budget: The default budget of regret for privacy.
         note: One line on the source of the model.
         turnover: Largest sum of purchases and sales relative to the last published weights; None: no limit. `problem` does not
             include it.

@@ -20,7 +20,7 @@ except ImportError:
 
 
 class PrivatePortfolio(_Base):  # type: ignore[misc]
-    """The most private affordable weights under regimes fitted to the returns, long only and fully invested.
+    """An skfolio estimator: counter-adversarial weights under fitted regimes, long only and fully invested.
 
     Formula: `fit` fits a Gaussian hidden Markov model to X, predicts the belief one step after the last row, and takes the
     decision of `CounterAdversarialDecisionMaker` for it; a budget of 0 gives the optimal weights. `predict`, as in every

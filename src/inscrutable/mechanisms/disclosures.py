@@ -41,7 +41,7 @@ class Operation(NamedTuple):
 
 @dataclass(frozen=True)
 class Disclosure:
-    """What an observer is shown of a sequence of decisions; composed with `|` from left to right.
+    """The part of a sequence of decisions that an observer sees; disclosures are composed with `|` from left to right.
 
     Formula: (a | b)(u) = b(a(u)).
 
@@ -361,7 +361,7 @@ def only(places: Sequence[int]) -> Disclosure:
     """Return the disclosure of some coordinates of a decision, such as the units that an observer can watch.
 
     Args:
-        places: Their numbers from 0, in the order of disclosure.
+        places: Numbers of the coordinates, from 0, in the order of disclosure.
 
     Raises:
         InputError: There are none, or they are no different whole numbers of at least 0.

@@ -30,8 +30,8 @@ class Detectability(Summarised, Saved):
         expected_gap: Σ_u p(u) r(u), in the cost's unit.
         largest_gap: The largest r(u) of a played decision, in the cost's unit.
         implausible_share: Σ_u p(u) [no belief explains u]: the probability that one decision alone proves the alteration.
-        auc: P(λ(u) > λ(v)) + ½ P(λ(u) = λ(v)) for u drawn from p and v from q, with λ = p/q: ½ where a test is no better than
-        chance.
+        auc: P(λ(u) > λ(v)) + ½ P(λ(u) = λ(v)) for u drawn from p and v from q, with λ = p/q: ½ where a test is no better
+            than chance.
         total_variation: ½ Σ_u |p(u) − q(u)|: with equal odds the best test is right with probability (1 + this)/2.
         divergence: Σ_u p(u) log2(p(u)/q(u)), in bits a decision: the growth of evidence over independent decisions; infinite
             where some decision is optimal under no belief of the prior.
@@ -43,7 +43,7 @@ class Detectability(Summarised, Saved):
         excuses: For a played decision that no belief explains, the belief of least regret, shape (M,X); NaN for others.
 
     Where a prior's points approximate a continuum, a comparison decision by decision is pessimistic: a decision that is
-        optimal between two points differs from all that are optimal at them. The gaps and `read_` figures avoid this.
+    optimal between two points differs from all that are optimal at the points. The gaps and `read_` figures avoid this.
 
     Source: Neyman and Pearson (1933) for the ratio; the area under the curve as a probability: Hanley and McNeil (1982).
 
@@ -89,7 +89,7 @@ def detectability(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) 
 
     Args:
         mechanism: K(u|π).
-        prior: Weights of the mechanism's beliefs; in another order, or only some of them, is fine.
+        prior: Weights of the mechanism's beliefs, in any order; it may hold only some of them.
         problem: The decision problem that the observer knows.
 
     Raises:

@@ -36,19 +36,18 @@ class Leakage(Summarised, Saved):
         worst_regret: The largest ρ(π_b,u) of any decision that is played with w_b > 0, in the cost's unit.
         prior_entropy: −Σ w_b log2 w_b, in bits: an upper bound of the leakage.
         prior_top_state_accuracy: max_i Σ_b w_b [i is a most likely state of π_b].
-        n_beliefs: Beliefs with weight.
-        n_actions: Distinguishable decisions of positive probability.
-        least_error: The least over beliefs with weight of √Σ_u K(u|π_b) ‖π_b − μ_u‖²: of the least hidden belief.
-        largest_error: The largest of the same: of the best hidden belief.
+        n_beliefs: Number of beliefs with weight.
+        n_actions: Number of distinguishable decisions of positive probability.
+        least_error: The error √Σ_u K(u|π_b) ‖π_b − μ_u‖² of the least hidden belief with weight.
+        largest_error: This error of the best hidden belief with weight.
         worst_expected_regret: max_b Σ_u K(u|π_b) ρ(π_b,u) over beliefs with weight, in the cost's unit.
         silence_regret: r₀ = min_u Σ w_b ρ(π_b,u), the least regret of a constant decision; NaN where no problem was given.
-        pointwise_leakage: max_u log2 max_{b: w_b>0} K(u|π_b)/p(u), in bits: the same as the maximal leakage after the decision
-        that leaks most, instead of on average.
+        pointwise_leakage: max_u log2 max_{b: w_b>0} K(u|π_b)/p(u), in bits: as the maximal leakage, but after the decision
+            that leaks most instead of on average.
         bayes_loss: Σ_u p(u) L(p(·|u)), the mean loss of a rival who sees the decision; in L's unit, as the next three. L is
             the square error where no other was given.
         prior_loss: L(w), the same before any decision is seen.
-        worth: W = prior_loss − bayes_loss, the value of the decision to the rival: 0 where the decision reveals
-        nothing.
+        worth: W = prior_loss − bayes_loss, the value of the decision to the rival: 0 where the decision reveals nothing.
         secret_worth: L(w) − Σ w_b L(δ_b), the value of the belief itself to the rival: no decision is worth more.
         loss: The loss.
 
@@ -132,13 +131,13 @@ def leakage(
     loss: Loss | None = None,
     disclosure: Disclosure | str | None = None,
 ) -> Leakage:
-    """Return the leakage of one decision of a mechanism to the aware observer, who knows it and holds a prior.
+    """Return the leakage of one decision of a mechanism to the aware observer, who knows mechanism and prior.
 
     Formula: those of `Leakage`.
 
     Args:
         mechanism: K(u|π) with the regrets.
-        prior: Weights of the mechanism's beliefs; in another order, or only some of them, is fine.
+        prior: Weights of the mechanism's beliefs, in any order; it may hold only some of them.
         problem: The decision problem, for the silence regret r₀ = V(Σ w π) − Σ w V(π), exact because costs are linear in
             the belief; None leaves it out.
         loss: The rival's loss, `NamingError()` or `RivalProblem(problem)`; None is the square error.

@@ -38,23 +38,24 @@ class PathLeakage(Summarised, Saved):
 
     Args:
         added: I(π_0..π_t; u_t | u_0..u_{t−1}) = E[log2 K(u_t|π_t) − log2 p(u_t|u_0..u_{t−1})]: what the decision of a step
-        leaks about the beliefs so far, beyond the decisions before it.
+            leaks about the beliefs so far, beyond the decisions before it.
         cumulative: I(π_0..π_t; u_0..u_t), the sum of `added` up to the step; a negative mean over sampled paths counts in the
             sum and is 0 in `added`. With public observations each term is conditional on those up to its own step, so that
             the sum is the directed information: later ones may tell the same again.
         belief_information: I(π_t; u_0..u_t): what all decisions so far leak about the present belief.
-        state_information: I(x_t; u_0..u_t): the same of the present state.
+        state_information: I(x_t; u_0..u_t): what all decisions so far leak about the present state.
         bayes_error: √E‖π_t − E[π_t|u_0..u_t]‖², Euclidean.
-        added_se: Standard errors over the sampled paths.
-        cumulative_se: The same.
-        belief_information_se: The same.
-        state_information_se: The same.
-        error_se: The same of `bayes_error`.
-        prior_error: The error without decisions at each step, which no rule exceeds. On a grid that of the grid's law, a
-            little larger than the agent's own. That observer has the public observations, too.
+        added_se: Standard errors of `added` over the sampled paths.
+        cumulative_se: Those of `cumulative`.
+        belief_information_se: Those of `belief_information`.
+        state_information_se: Those of `state_information`.
+        error_se: Those of `bayes_error`.
+        prior_error: The error without decisions at each step, which no rule exceeds; the observer then has the public
+            observations alone. On a grid it is the error under the grid's law, a little larger than that under the agent's.
         interpolation_error: Largest expected distance, over steps and paths, between the agent's belief and the mechanism's
             points by which it is represented; 0 where there is no error but sampling.
-        n_draws: Sampled paths; 0 where all sequences of decisions were enumerated, so that there is no sampling error.
+        n_draws: Number of sampled paths; 0 where all sequences of decisions were enumerated, so that there is no sampling
+            error.
         loss: E L(p_t), the mean loss of a rival who has seen all decisions so far, in the unit of the loss L; None where no
             loss was given.
         loss_se: Its standard error over the sampled paths.
@@ -149,7 +150,8 @@ def path_leakage(
     loss: Loss | None = None,
     disclosure: Disclosure | str | None = None,
 ) -> PathLeakage:
-    """Return the leakage of decisions on a belief that moves over time: step by step, in all, and about the present belief.
+    """Return the leakage of decisions on a belief that moves over time: of each step, in total, and about the present
+    belief.
 
     Formula: those of `PathLeakage`, as averages over sampled paths of beliefs and decisions.
 

@@ -39,13 +39,13 @@ class RepeatedLeakage(Summarised, Saved):
         bayes_error: √E‖π − E[π|u_1..u_n]‖², Euclidean, in units of belief, shape (S,).
         top_state_accuracy: How often the best guess of a most likely state is right, shape (S,).
         information_se: Standard errors of the sampled figures, shape (S,); 0 where exact: at n = 1, and without randomisation.
-        error_se: The same of the Bayes error.
-        accuracy_se: The same of the accuracy.
-        prior_entropy: Of the belief before any decision, in bits.
+        error_se: Those of the Bayes error.
+        accuracy_se: Those of the accuracy.
+        prior_entropy: Entropy of the belief before any decision, in bits.
         prior_error: The error before any decision.
-        limit_information: Leakage of infinitely many decisions, in bits: they reveal the lottery, and no more.
+        limit_information: Leakage of infinitely many decisions, in bits; these reveal the lottery and nothing else.
         limit_error: The error after infinitely many decisions.
-        n_draws: Sampled sequences.
+        n_draws: Number of sampled sequences.
 
     Source: Bayes' rule for independent draws; averages of conditional means have less variance than averages of draws
     (Blackwell, 1947), and control variates reduce it further: the mean posterior is the prior.
@@ -114,8 +114,8 @@ def repeated_leakage(
 
     Args:
         mechanism: K(u|π), drawn independently at every step.
-        prior: Weights of the mechanism's beliefs; in another order, or only some of them, is fine.
-        n_steps: One number of decisions or several, each at least 1, rising.
+        prior: Weights of the mechanism's beliefs, in any order; it may hold only some of them.
+        n_steps: One number of decisions, or several in increasing order, each at least 1.
         rng: The source of beliefs and decisions.
         n_draws: Sampled sequences, at least 10.
 

@@ -39,7 +39,7 @@ class RevealedPreferences(Summarised, Saved):
         choices: x_t, shape (T,U).
         efficiency: e: a choice must be as good as every one that costs at most this share of it; 1 is full rationality.
         is_consistent: Whether the choices satisfy GARP at this efficiency.
-        cycle: Observations each revealed preferred to the next, and the last to the first, with a strict one among them;
+        cycle: Observations, each revealed preferred to the next and the last to the first, at least one of them strictly;
             empty where there is none.
         efficiency_index: Afriat's index, the supremum of the efficiencies at which the choices are consistent, at most 1.
         utilities: u_t, shape (T,); NaN where the choices are inconsistent, or nearly so that the numbers overflow.
@@ -121,7 +121,7 @@ class RevealedPreferences(Summarised, Saved):
 
 
 def revealed_preferences(prices: ArrayLike, choices: ArrayLike, *, efficiency: float = 1.0) -> RevealedPreferences:
-    """Return whether choices at known prices maximise some utility, how nearly, and such a utility.
+    """Return whether choices at known prices maximise some utility, at which efficiency, and such a utility.
 
     Formula: GARP at efficiency e: x_t R x_s implies e p_s'x_s ≤ p_s'x_t; the index is the smallest, over cycles, of a cycle's
     largest spending ratio p_t'x_s / p_t'x_t, or 1; the utility is Afriat's, with the least Σλ unless ratios are so

@@ -35,7 +35,7 @@ class Polyhedron:
         b_ub: Their right-hand sides, shape (n,), in the decision's unit times the row's; inf for no limit.
         A_eq: Equality rows, shape (e, U), or None.
         b_eq: Their right-hand sides, shape (e,).
-        names: One name per row, inequalities first; they come back in messages.
+        names: One name per row, inequalities first, for messages.
         min_slack: Least slack of an inequality row that is not tight in an admissible decision, in units of the
             row's largest coefficient; the paper has 0.
         asset_names: One label per coordinate; None takes those of labelled rows. Labelled decisions are aligned with them,

@@ -30,7 +30,7 @@ _MOST_CUTS = 200
 
 
 class ConvexProblem(DecisionProblem):
-    """A decision with one convex cost per state, as the user writes it.
+    """A decision with one convex cost per state, written with `cvxpy`.
 
     Formula: c(i,u) = costs[i] over u ∈ C.
 

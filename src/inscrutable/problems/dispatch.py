@@ -21,9 +21,9 @@ class DispatchProblem(QuadraticProblem):
     """The dispatch of a network's generators and wind farms, as `dispatch_problem` makes it.
 
     Args:
-        hessians: Of the costs, shape (X,G+F,G+F).
-        linear: Of the costs, shape (X,G+F).
-        constants: Of the costs, shape (X,).
+        hessians: Hessians of the costs, shape (X,G+F,G+F).
+        linear: Linear terms of the costs, shape (X,G+F).
+        constants: Constants of the costs, shape (X,).
         constraints: Limits of units and lines, and the balance.
         network: The network.
         line_rows: Line and sign of the flow of each of the constraints' last rows, which limit lines, shape (K,2).

@@ -29,9 +29,9 @@ class KellyProblem(DecisionProblem):
 
     Formula: c(i,u) = −Σ_s p_is log(r_is'u) over {u ≥ 0, 1'u = 1} unless constraints are given.
 
-    In a horse race (r_is'u = odds × the share on the winner) whose winner is the state, u* = π for any odds, and the regret of
-    betting y is the Kullback–Leibler divergence of y from π. Losing everything in an outcome of positive probability
-    costs 10,000 instead of infinity.
+    In a horse race (r_is'u = odds × the share on the winner) whose winner is the state, u* = π for any odds, and the regret
+    of betting y is the Kullback–Leibler divergence D(π‖y). Losing everything in an outcome of positive probability costs
+    10,000 instead of infinity.
 
     Args:
         gross_returns: r_is, wealth after the period per unit of wealth on each asset, shape (X,S,U), at least 0.

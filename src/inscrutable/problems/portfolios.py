@@ -28,7 +28,7 @@ Assets = int | Sequence[str]
 def max_weights(
     assets: Assets, limits: ArrayLike | Mapping[str, float], *, min_slack: float = tolerances.MIN_SLACK
 ) -> Polyhedron:
-    """Return {u : u_j ≤ limit_j}, a cap on every asset or on some.
+    """Return {u : u_j ≤ limit_j}, a cap on the weight of every asset or of some.
 
     Formula: one row u_j ≤ limit_j per finite limit.
 
@@ -54,7 +54,7 @@ def max_weights(
 def min_weights(
     assets: Assets, limits: ArrayLike | Mapping[str, float], *, min_slack: float = tolerances.MIN_SLACK
 ) -> Polyhedron:
-    """Return {u : u_j ≥ limit_j}, a floor under every asset or some.
+    """Return {u : u_j ≥ limit_j}, a floor on the weight of every asset or of some.
 
     Formula: one row −u_j ≤ −limit_j per finite limit.
 

@@ -30,7 +30,7 @@ class PowerNetwork:
     Args:
         loads: Demand of every bus, shape (N,), MW. A Series or a dict names the buses: they are then given by these labels
             everywhere else.
-        generator_buses: Where the generators are, shape (G,).
+        generator_buses: The generators' buses, shape (G,).
         capacities: Largest outputs, shape (G,), MW, 0 for a generator that is off, with least outputs of 0; or least and
             largest outputs, shape (G,2).
         quadratic_costs: a, shape (G,), cost per MW² and hour.

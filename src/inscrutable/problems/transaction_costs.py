@@ -24,7 +24,7 @@ def with_transaction_costs(
     Formula: c(i,u) + Σ_j κ_j |u_j − u⁰_j| + Σ_j η_j (u_j − u⁰_j)².
 
     Args:
-        problem: The problem without these costs, of quadratic ones in the decision itself.
+        problem: The problem without these costs; its own costs are quadratic in the decision.
         former: u⁰, the former decision as the observer knows it, shape (U,).
         linear: κ ≥ 0, cost per unit traded, a number or one per coordinate (U,); labels are aligned with the problem's.
         quadratic: η ≥ 0, cost per squared unit traded, a number or (U,).
@@ -84,7 +84,7 @@ def _rates(value: ArrayLike, size: int, name: str, assets: Axis) -> Array:
 
 
 class TradingProblem(DecisionProblem):
-    """Quadratic costs with a linear cost of trading away from the former decision; made by `with_transaction_costs`.
+    """Quadratic costs plus a linear cost of trades from the former decision; `with_transaction_costs` makes it.
 
     Formula: c(i,u) + Σ_j κ_j |u_j − u⁰_j|. With u = u⁰ + p − m, 0 ≤ p, 0 ≤ m, it is the quadratic problem of cost
     c(i, u⁰ + p − m) + κ'(p + m) + η_i p'm. Where nothing is traded the rows p_j ≥ 0 and m_j ≥ 0 are both tight, and their

@@ -69,14 +69,14 @@ class Restart:
 
 @dataclass(frozen=True, repr=False)
 class FittedWorld(Summarised):
-    """The best world of several restarts.
+    """The best world found by several restarts of the fit.
 
     Args:
         world: Regimes ordered by volatility (trace of the covariance), calmest first. Its `initial` is the smoothed belief
             about the first observation of the sample, the maximum-likelihood estimate; for other data build
             `HiddenMarkovModel(world.transition, world.emission)`, which starts from the stationary law.
         log_likelihood: Natural logarithm of the sample's likelihood under `world`, as `filter_beliefs` gives it.
-        restarts: One row for each restart, in the order they were run.
+        restarts: One row for each restart, in the order in which they were run.
         covariance: How covariances were estimated: "sample", "ledoit-wolf" or "factor:k".
         n_rows: T of the sample.
         n_columns: D of the sample.
@@ -166,7 +166,8 @@ def fit_gaussian_hmm(
         observations: (T,D) real vectors, or (T,) for D = 1. The columns of a DataFrame become `asset_names`.
         n_states: Number of regimes X, at least 1 and at most the number of different observations.
         rng: Randomness of the starting points; each restart has its own child generator.
-        n_restarts: Number of restarts, at least 1. Where their likelihoods differ, as on real returns, more find better.
+        n_restarts: Number of restarts, at least 1. Where their likelihoods differ, as on real returns, more restarts find a
+            larger one.
         covariance: "sample" for full covariances; "ledoit-wolf" for covariances shrunk towards a multiple of the identity;
             "factor:k" for k factors and specific variances. None takes full ones from ten observations per regime and column
             on (T ≥ 10 X D), else shrunk ones.

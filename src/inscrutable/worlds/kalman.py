@@ -119,8 +119,8 @@ class SteadyFilter:
     """The steady state of the agent's filter in a world that does not change: m_{t+1} = A m_t + K ν_t with ν ~ N(0, S).
 
     Args:
-        predicted_covariance: P⁻, error of the prediction of x_t, shape (n,n).
-        covariance: P⁺, error of m_t, shape (n,n).
+        predicted_covariance: P⁻, error covariance of the prediction of x_t, shape (n,n).
+        covariance: P⁺, error covariance of m_t, shape (n,n).
         gain: K, shape (n,p), or (n,p+q) where a public sensor stands beside the private one.
         innovation_covariance: W = K S K' = P⁻ − P⁺, the covariance of m_{t+1} − A m_t, shape (n,n).
         public_sensor: H = C_z A, with E[z_{t+1} | m_t] = H m_t, shape (q,n); q is 0 where nothing is public.

@@ -44,8 +44,8 @@ class CalibratedSensor(Summarised, Saved):
         log_likelihoods: The profile of each parameter at `grid`, shape (K,G), natural logarithms; −inf where decisions are
             impossible.
         status: Whether the decisions determine the parameters.
-        grid: Values of each parameter, ascending, shape (K,G), θ̂ included.
-        names: Of the parameters.
+        grid: Values of each parameter in ascending order, shape (K,G), with θ̂.
+        names: Names of the parameters.
         information: H, shape (K,K).
 
     Source: Krishnamurthy, Rangaswamy, How to Calibrate Your Adversary's Capabilities? Inverse Filtering for Counter-Autonomous
@@ -93,8 +93,8 @@ class ProbeRanking(Summarised, Saved):
 
     Args:
         information: Fisher information of each probe, shape (N,K,K).
-        bounds: Cramér–Rao bounds: least standard deviations of unbiased estimates, shape (N,K); infinite where decisions carry
-        no information.
+        bounds: Cramér–Rao bounds: least standard deviations of unbiased estimates, shape (N,K); infinite where decisions
+            carry no information.
         best: Index of the probe with the least sum of variances, each in units of its parameter's range.
         is_exact: Whether the sum is over all sequences of decisions; else over a sample.
         names: Of the parameters.

@@ -23,7 +23,7 @@ class SensorFamily:
 
     Args:
         make: Function of K numbers θ_1, …, θ_K that returns an `Emission`, or a `LinearGaussianWorld` with that sensor.
-        bounds: Least and greatest value of each, shape (K,2), finite.
+        bounds: Least and greatest value of each parameter, shape (K,2), finite.
         names: Names of the parameters, for messages and plots.
 
     Raises:

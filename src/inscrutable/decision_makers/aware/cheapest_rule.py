@@ -51,18 +51,19 @@ class LeastRegret(Summarised):
 
     Args:
         problem: The decision problem.
-        guarantees: What was asked for, in that order.
+        guarantees: The guarantees asked for, in the given order.
         mechanism: K on the prior's beliefs with weight and the decisions that are played; None where no rule exists.
         regret: Σ_b w_b Σ_m K(u_m|π_b) ρ(π_b,u_m), in the cost's unit; infinite where no rule exists.
-        bound: No rule on these candidates that gives the guarantees has a smaller expected regret. Where none exists because
-            of a budget: the least regret of a rule that gives the others.
+        bound: No rule on these candidates that satisfies the guarantees has a smaller expected regret. Where none exists
+            because of a budget: the least regret of a rule that satisfies the others.
         silence_regret: r₀ of the prior, at which the best constant decision is played.
-        levels: What the rule gives of each guarantee, recomputed from K: in the guarantee's unit, for a `Budget` the regret.
-        prices: Regret that one unit less of each guarantee would save, at the margin, in the cost's unit per unit of the
+        levels: The level of each guarantee that the rule reaches, recomputed from K: in the guarantee's unit, for a
+            `Budget` the regret.
+        prices: Marginal regret that relaxing each guarantee by one unit would save, in the cost's unit per unit of the
             guarantee; 0 for one that does not bind. At a kink of the least regret it lies between both one-sided prices.
-        conflict: Places of an irreducible infeasible subset: no rule gives these guarantees together, and some rule gives all
-            but any one of them; empty where a rule exists.
-        status: Whether regret and bound met.
+        conflict: Indices of an irreducible infeasible subset: no rule satisfies these guarantees together, but without any
+            one of them some rule satisfies the others; empty where a rule exists.
+        status: Whether regret and bound agree within the gap.
 
     Source: linear programming duality; see `least_regret`.
 
@@ -150,10 +151,10 @@ def least_regret(
     candidates: Candidates | ArrayLike | None = None,
     gap: float = tolerances.LEAST_REGRET_GAP,
 ) -> LeastRegret:
-    """Return the rule of least expected regret that gives all of some guarantees against the aware observer.
+    """Return the rule of least expected regret that satisfies given guarantees against the aware observer.
 
-    Formula: min_K Σ_b w_b Σ_m K(u_m|π_b) ρ(π_b,u_m) over tables K(u|π) that give every guarantee. Example: for n equally likely
-    secrets and a cost of 1 for a wrong guess, under ε nats of pointwise maximal leakage: 1 − min(1, e^ε/n).
+    Formula: min_K Σ_b w_b Σ_m K(u_m|π_b) ρ(π_b,u_m) over tables K(u|π) that satisfy every guarantee. Example: for n equally
+    likely secrets and a cost of 1 for a wrong guess, under ε nats of pointwise maximal leakage: 1 − min(1, e^ε/n).
 
     Args:
         problem: The decision problem.

@@ -26,9 +26,9 @@ from inscrutable.validation import Array
 
 
 class Guarantee(RowsAndCuts):
-    """A promise about a mechanism K(u|π) under a prior, for `least_regret`; all of them can be asked for together.
+    """A condition on a mechanism K(u|π) under a prior, for `least_regret`; several conditions can be combined.
 
-    Each of them can be recomputed from any mechanism, of whatever decision maker.
+    Each guarantee can be recomputed from the mechanism of any decision maker.
 
     Example:
         >>> from inscrutable import FiniteProblem, OriginalDecisionMaker, PointwiseLeakageCap, Prior, mechanism
@@ -210,7 +210,7 @@ class DetectabilityCap(Guarantee):
     decision, equally likely from either, is right with probability at most (1 + δ)/2.
 
     Args:
-        total_variation: δ, from 0 to 1; 0 publishes every decision as often as the optimal rule does.
+        total_variation: δ, from 0 to 1; at 0 every decision has the probability that it has under the optimal rule.
 
     Raises:
         InputError: The cap is no number from 0 to 1.
@@ -259,7 +259,7 @@ class DetectabilityCap(Guarantee):
 
 @dataclass(frozen=True)
 class NamingErrorFloor(Guarantee):
-    """A floor on how often the best guess of the state is wrong after every published decision.
+    """A floor on the probability that the best guess of the state is wrong, after every published decision.
 
     Formula: 1 − max_i E[π_i|u] ≥ e for every u that is played, where E[π_i|u] is the probability of state i for an observer who
     has seen u.
@@ -399,7 +399,7 @@ class SquaredErrorFloor(_SquareErrors):
 class MeanSquaredErrorFloor(_SquareErrors):
     """A floor on the mean square error of the best estimate of the belief, on average over the published decisions.
 
-    Formula: Σ_u p(u) E[‖π − E[π|u]‖² | u] ≥ v: what a `StackelbergDecisionMaker` makes largest, as a guarantee beside others.
+    Formula: Σ_u p(u) E[‖π − E[π|u]‖² | u] ≥ v. A `StackelbergDecisionMaker` maximises the left-hand side.
 
     Args:
         least: v, at least 0, in squared units of belief (Euclidean); at most the square of `Prior.error`.

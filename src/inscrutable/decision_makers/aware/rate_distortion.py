@@ -148,7 +148,7 @@ class RateDistortionCurve(Summarised):
     """Least rates at many budgets, with their bounds.
 
     Args:
-        regrets: Expected regrets r, shape (n,), in the cost's unit, as the budgets were given.
+        regrets: Expected regrets r, shape (n,), in the cost's unit, in the order of the budgets.
         rates: Least mutual information found, shape (n,), in bits.
         bounds: No mechanism on the candidates leaks fewer bits, shape (n,).
         prices: Bits that one more unit of expected regret would save, shape (n,).
@@ -185,7 +185,7 @@ def rate_distortion_curve(
 ) -> RateDistortionCurve:
     """Return the least mutual information at many expected regrets.
 
-    Formula: R(r) = min_K I(π;u) with E ρ ≤ r, for every r; convex and falling.
+    Formula: R(r) = min_K I(π;u) with E ρ ≤ r, for every r; it is convex and decreasing.
 
     Args:
         problem: The decision problem.

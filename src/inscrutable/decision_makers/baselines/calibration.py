@@ -45,17 +45,17 @@ class CalibrationStatus(Enum):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration(Summarised):
-    """A decision maker of a family whose expected regret is the nearest found below a target.
+    """The decision maker of a family with the largest expected regret found that does not exceed a target.
 
-    Iterating gives the decision maker and its expected regret.
+    Iterating over it gives the decision maker and its expected regret.
 
     Args:
         decision_maker: The decision maker.
-        parameter: The parameter it was made from.
+        parameter: The value of its parameter.
         regret: Its expected regret, in the cost's unit.
         target: The expected regret asked for.
         status: How the search ended.
-        n_trials: Decision makers made and judged.
+        n_trials: Number of decision makers tried.
 
     Example:
         >>> from inscrutable import CoinDecisionMaker, FiniteProblem, uniform_prior
@@ -98,8 +98,9 @@ def calibrate(
     monotone this is one crossing of several; a jump ends at its lower side.
 
     Args:
-        make: Parameter → decision maker, such as `lambda p: CoinDecisionMaker(problem, p)`. Make candidates once outside,
-            else every trial makes its own. Round inside for parameters that are whole numbers.
+        make: A function from parameter to decision maker, such as `lambda p: CoinDecisionMaker(problem, p)`. Compute
+            candidates once outside of it, else every trial computes its own. Round inside for parameters that are whole
+            numbers.
         regret: The target, above 0, in the cost's unit.
         prior: A `Prior`, or a path of beliefs (T,X) in the order of time, each step of equal weight; decision makers with a
             memory, delayed or partial, need a path.

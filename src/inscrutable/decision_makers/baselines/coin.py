@@ -16,7 +16,7 @@ from inscrutable.validation import Array
 
 
 class CoinDecisionMaker(DrawingDecisionMaker):
-    """A coin between the optimal decision and that of a fixed decoy belief, or of one drawn from a list.
+    """At random the optimal decision or that of a fixed decoy belief, or of a decoy belief drawn from a list.
 
     Formula: K(u*(y)|π) = p, K(u*(π)|π) = 1 − p, with one decoy y for every belief; the expected regret p ρ(π,u*(y)) is
     linear in p. At p = 1 nothing leaks. Where both decisions are the same the lottery has one atom. Of n decoys each is

@@ -23,12 +23,12 @@ _MOST_ENTRIES = 2**25
 
 
 class KeptDecisionMaker(Described):
-    """Another decision maker's lottery, drawn again only when the belief changes.
+    """The lottery of another decision maker, drawn again only when the belief changes.
 
     Formula: u_t = u_{t−1} where π_t = π_{t−1}, to `tolerances.SAME_BELIEF`; otherwise u_t ~ K(·|π_t), drawn afresh.
 
-    Repeated decisions on one belief reveal no more than one does. Each decision alone has the law of the other decision
-    maker's, and its regret. It depends on the past: the rule is no mechanism K(u|π), but one with a memory.
+    Repeated decisions on one belief reveal no more than one decision. Each decision alone has the law and the regret of the
+    other decision maker's. The decision depends on the past: the rule is not a mechanism K(u|π), but one with a memory.
 
     Args:
         decision_maker: Anything with `problem` and `decide_many` that decides by the present belief alone.

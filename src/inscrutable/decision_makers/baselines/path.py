@@ -54,7 +54,7 @@ class DelayedDecisionMaker(PathRule):
 
 
 class PartialDecisionMaker(PathRule):
-    """A fraction of the trade towards the optimal decision, step by step.
+    """At each step a fraction of the trade towards the optimal decision.
 
     Formula: u_t = u_{t−1} + f (u*(π_t) − u_{t−1}), from u_{−1} = `start`.
 

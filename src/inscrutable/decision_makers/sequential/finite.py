@@ -35,10 +35,10 @@ class FiniteRule(Summarised):
     """A sequential rule as a mechanism with a finite memory, or the reason why it has none.
 
     Args:
-        mechanism: Its memory is the observer's law before a decision, and the decision before; it is public. None where the
-            laws are too many.
+        mechanism: The mechanism. Its public memory is the observer's law before a decision, and the decision before it.
+            None where there are too many laws.
         laws: The laws that were found, shape (N,B), in the order of the memories.
-        status: Whether these are all.
+        status: Whether all laws were found.
 
     Example:
         >>> FiniteRule(None, np.full((1, 2), 0.5), FiniteStatus.TOO_MANY)

@@ -21,13 +21,13 @@ class PathDecisions(Summarised, Saved):
         actions: u_t, shape (T,U); (T,) whole numbers where decisions are finite choices.
         regrets: ρ(π_t,u_t), shape (T,), in the cost's unit.
         observer_means: The observer's estimates E[π_t | what is seen by step t], shape (T,X).
-        losses: The observer's expected loss then, shape (T,): E[‖π_t − mean_t‖² | what is seen], or another.
+        losses: The observer's expected loss at step t, shape (T,): E[‖π_t − mean_t‖² | what is seen], or another.
         bits: I(π_t; u_t | u_0..u_{t−1}) of the step under the observer's law before it, shape (T,).
         status: Where the prices come from.
         expected_regrets: Mean regret of the step under the observer's law before it, shape (T,).
-        own_regrets: The same under the belief itself, shape (T,).
-        n_off_grid: Steps whose belief is not on the law's grid: it plays as the nearest one, which the observer's law counts;
-            the calibration does not count its own regret.
+        own_regrets: Mean regret of the step under the true belief, shape (T,).
+        n_off_grid: Number of steps whose belief is not on the law's grid. Such a belief plays as the nearest belief of the
+            grid, which the observer's law counts; the calibration does not count the regret under the belief itself.
         lost: The observer's loss in words.
 
     Source: Bayes' rule at every step.

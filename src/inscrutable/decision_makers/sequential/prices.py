@@ -45,8 +45,8 @@ class PriceCalibration(Summarised, Saved):
     """Prices of regret and information, and the long-run means that were simulated at them.
 
     Args:
-        regret_prices: s, shape (n,): one, or the two of which one is drawn; in loss per unit of regret, in nats per unit of
-            regret where the price of information is infinite.
+        regret_prices: s, shape (n,): one price, or two of which one is drawn; in loss per unit of regret, or in nats per
+            unit of regret where the price of information is infinite.
         information_price: λ, in loss per nat; infinite where information alone counts.
         shares: Probabilities of the prices, shape (n,).
         regret: Simulated long-run mean regret under the observer's law, in the cost's unit; NaN where it was not simulated.

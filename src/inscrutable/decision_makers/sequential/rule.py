@@ -41,7 +41,7 @@ every step (three states, twelve assets)."""
 
 
 class SequentialDecisionMaker(Described):
-    """The sequential rule: it hides a belief that moves over time from an observer of all decisions.
+    """The sequential decision maker (SDM), which hides a moving belief from the aware observer of all its decisions.
 
     Formula: at every step K_t = argmax_K E[L(p_u)] − s E[ρ(π,u)] − λ I(π;u). The expectations are under p_t, the observer's law
     of the belief given all earlier decisions; p_u is this law after decision u, and L(p_u) the observer's loss then:
@@ -49,10 +49,10 @@ class SequentialDecisionMaker(Described):
     constant decision is optimal it is played and reveals nothing. The prices s and λ are fixed; the long-run mean regret is
     the budget. With `information_price` infinite, K_t = argmax_K −s E[ρ(π,u)] − I(π;u).
 
-    K_t depends on p_t alone, so that an observer can compute it. If the belief moves as the chain says, a later decision does
-    not reveal again what an earlier one revealed: on a belief that never changes only the first decision reveals anything. A
-    belief that is not among the chain's plays as the nearest of these, within its own cap. The rule is greedy in p_t; `ceiling`
-    is an upper bound of the loss under every rule.
+    K_t depends on p_t alone, so an observer can compute it. If the belief moves by the chain, a later decision does not
+    reveal again what an earlier one revealed: on a belief that never changes only the first decision reveals anything. A
+    belief that is not among the chain's plays as the nearest of them, within its own cap. The rule is greedy in p_t;
+    `ceiling` is an upper bound of the loss under every rule.
 
     Args:
         problem: The decision problem.

@@ -63,8 +63,8 @@ class DecisionSequence(Summarised, KeptInFile):
 
     At every step `decide` returns the lottery, any number of times; `publish` records the one decision that was drawn and
     published. Time passes with `observe`, or else with the next `decide` or `publish`. Where the chain has public symbols,
-    `observe` takes the one of the step, before each decision. `period` may name the time of the latest decision, `digest` hold
-    a hash of the data that it rests on; both are stored with the rest.
+    `observe` takes the one of the step, before each decision. `period` may name the time of the latest decision, and
+    `digest` may hold a hash of the data behind it; both are stored with the sequence.
 
     Cost: the solve of a step, some milliseconds for 500 beliefs and 500 decisions. Source: see `SequentialDecisionMaker`.
 

@@ -48,11 +48,11 @@ class SocialLearning(Summarised, Saved):
         joint: Joint probability of public belief and true state, shape (S,X).
         herds: right, wrong and none after 0..N decisions, shape (N+1,3).
         regrets: E ρ(x,u_n) of every agent, shape (N,).
-        prices: E ρ(π_n,u_n) of every agent, shape (N,): the part of its regret due to its own hiding; the rest is due to its
+        prices: E ρ(π_n,u_n) of every agent, shape (N,): the part of its regret due to hiding; the rest is due to its
             limited information.
         leakages: I(π_n;u_n|q_{n−1}) of every agent, shape (N,), in bits: leakage of its decision about its private belief to an
             observer who knows its rule and the decisions before; 0 is perfect privacy.
-        truths: E q_n(x), probability that the public belief gives the true state after 0..N decisions, shape (N+1,).
+        truths: E q_n(x), mean probability of the true state under the public belief after 0..N decisions, shape (N+1,).
         welfare_error: Standard error of the welfare; 0 for exact figures.
         n_paths: Number of simulated paths; 0 for exact figures.
         status: How the figures were found.

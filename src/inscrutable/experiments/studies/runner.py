@@ -74,14 +74,15 @@ def run_study(
     progress: Watch | None = None,
     extensions: Iterable[str] = (),
 ) -> Study:
-    """Do every task of a study, and keep their rows in a folder.
+    """Run every task of a study and store the rows in a folder.
 
     Args:
         study: A study, or the path of its TOML file.
         out: Folder for study.sqlite and manifest.json, without a study yet.
-        jobs: Processes on this machine; −1 is one per core. The number changes nothing but the time.
+        jobs: Processes on this machine; −1 is one per core. The number affects the time only.
         cluster: Address of a Dask scheduler, such as tcp://10.0.0.1:8786, whose workers then do the tasks.
-        limit: Most tasks to do now, spread evenly over the grid; `resume_study` does the others. None does all.
+        limit: Largest number of tasks to run now, spread evenly over the grid; `resume_study` runs the others. None runs
+            all.
         progress: Called with a `StudyProgress` after every batch of rows.
         extensions: Parts of your own that its file names: measures, decision makers, observers, problems, emissions, each
             "module:name", importable where tasks are done.
@@ -145,13 +146,13 @@ def resume_study(
     progress: Watch | None = None,
     extensions: Iterable[str] = (),
 ) -> Study:
-    """Do the tasks of a study that have no row yet.
+    """Run the tasks of a study that have no row yet.
 
     Args:
         folder: The folder of the study.
         jobs: As for `run_study`.
         cluster: As for `run_study`.
-        retry: Whether tasks that failed are done again.
+        retry: Whether tasks that failed are run again.
         limit: As for `run_study`.
         progress: As for `run_study`.
         extensions: The extensions that it was begun with; one whose source has changed is refused.

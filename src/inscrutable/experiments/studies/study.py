@@ -69,8 +69,8 @@ class Study(Summarised):
 
     Args:
         plan: The validated plan; `Study.read` and `Study.of` make it.
-        folder: Where its rows are; None before it was run.
-        base: Folder in which the file of returns is looked for.
+        folder: Folder of its rows; None before it was run.
+        base: Folder in which the file of returns is searched for.
         data_hash: SHA-256 of the returns that worlds are fitted to; None where there are none.
 
     Cost: reading a study checks it; nothing is computed before `run_study`.

@@ -93,7 +93,7 @@ class Budget:
 
     @property
     def remark(self) -> str:
-        """What is odd about the amount, in one sentence; empty where nothing is."""
+        """A warning about an unusual amount, in one sentence; empty where there is none."""
         if self.amount == 0.0:
             return "a budget of 0 allows only decisions that cost as little as the optimal one"
         if self.is_relative and self.amount > 1.0:

@@ -203,7 +203,7 @@ class SequentialAdversary:
     def unseen(
         self, n_steps: int, *, states: ArrayLike | None = None, observations: Any = None, public: Any = None
     ) -> InferredBeliefs:
-        """Return the law of `n_steps` beliefs given no decision: the ceiling of the observer's error.
+        """Return the law of `n_steps` beliefs given no decision, under which the observer's error is largest.
 
         Other arguments as `filter`. Where all observations of the agent are public, the error is 0.
         """

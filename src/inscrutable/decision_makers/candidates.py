@@ -105,7 +105,7 @@ class Candidates:
         return sum({id(array): array.nbytes for array in held if isinstance(array, np.ndarray)}.values())
 
     def once(self, key: Hashable, search: Callable[[], T]) -> T:
-        """Return what `search` returned for this key before, or search and keep it; what is unused longest is forgotten."""
+        """Return the stored result of `search` for this key, or search and store it; results unused longest are dropped."""
         found: T | None = self.decided.pop(key, None)
         if found is None:
             found = search()

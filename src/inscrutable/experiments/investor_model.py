@@ -104,7 +104,7 @@ class InvestorModel:
 
     @property
     def net(self) -> float | None:
-        """What the weights of every portfolio sum to; None where the feasible set does not fix it."""
+        """The sum of the weights of every portfolio; None where the feasible set does not fix it."""
         region = self.problem.constraints
         share = np.linalg.lstsq(region.A_eq.T, np.ones(len(self.assets)), rcond=None)[0]
         fixed = np.allclose(share @ region.A_eq, 1.0, rtol=0.0, atol=tolerances.FEASIBILITY)
@@ -139,7 +139,7 @@ class InvestorModel:
         return self._predicted(self.world, returns)
 
     def start_counts(self, returns: pd.DataFrame) -> float:
-        """Return by how much a regime's probability after returns (T,U) depends on the belief before the first row, at most.
+        """Return the largest effect of the belief before the first row on a regime's probability after returns (T,U).
 
         Each regime is taken for certain at that row in turn. Errors are those of `belief_after`.
         """

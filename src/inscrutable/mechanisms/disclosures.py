@@ -111,7 +111,7 @@ class Disclosure:
 
     @cached_property
     def schedule(self) -> Schedule:
-        """Which decisions are shown, and when."""
+        """The schedule by which decisions are shown."""
         found = Schedule()
         for name, values in self._plain():
             left = found.thinned(*values) if name == "every" else found.moved(*values) if name == "delayed" else found
@@ -122,7 +122,7 @@ class Disclosure:
 
     @cached_property
     def maps(self) -> tuple[Operation, ...]:
-        """What is done to every single decision, in order."""
+        """The operations on every single decision, in order."""
         return tuple(each for each in self._plain() if each.name not in _SCHEDULES)
 
     @property
@@ -142,7 +142,7 @@ class Disclosure:
 
     @property
     def calendars(self) -> tuple[Calendar, ...]:
-        """The regulators' rules that are part of it."""
+        """The regulators' rules that are part of the disclosure."""
         return tuple(CALENDARS[each.name] for each in self.operations if each.name in CALENDARS)
 
     def summary(self) -> str:

@@ -119,7 +119,7 @@ class MaximalObfuscation(PrivacyMeasure):
         return Values(sets.bounds(belief), sets.dimension < 2)
 
     def reference(self, belief: Array) -> Reference:
-        """Return the true belief, to be far from."""
+        """Return the true belief and the sign +1: privacy grows with the distance."""
         return Reference(belief, 1.0)
 
     def upper_bound(self, belief: Array) -> float:
@@ -200,7 +200,7 @@ class DesiredObfuscation(PrivacyMeasure):
         return 0.0
 
     def reference(self, belief: Array) -> Reference:
-        """Return the target, to be near to."""
+        """Return the target and the sign −1: privacy falls with the distance."""
         return Reference(self.target_for(belief), -1.0)
 
 

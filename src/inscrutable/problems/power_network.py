@@ -153,7 +153,7 @@ class PowerNetwork:
 
     @cached_property
     def outputs(self) -> Array:
-        """Least and most output of every generator, shape (G,2), MW."""
+        """Least and largest output of every generator, shape (G,2), MW."""
         most = self.capacities
         return most if most.ndim == 2 else np.column_stack([np.zeros_like(most), most])
 
@@ -169,7 +169,7 @@ class PowerNetwork:
 
     @cached_property
     def flow_limits(self) -> Array:
-        """Least and most flow over every line, shape (L,2), MW."""
+        """Least and largest flow over every line, shape (L,2), MW."""
         data = self.line_data
         return data[:, 1:3] if data.shape[1] == 4 else np.column_stack([-data[:, 1], data[:, 1]])
 

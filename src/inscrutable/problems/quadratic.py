@@ -251,7 +251,7 @@ class QuadraticProblem(DecisionProblem):
         return self.costs_of(self.as_points(actions))
 
     def costs_of(self, points: Array) -> Array:
-        """Return the same of an array (…,U) that is known to hold decisions."""
+        """Return the state costs of an array (…,U) that is known to hold decisions."""
         if points.ndim == 1:
             return np.asarray((0.5 * (self.hessians @ points) + self.linear) @ points + self.constants)
         if points.ndim == 2 and len(points) <= _FEW:

@@ -100,7 +100,7 @@ class FittedWorld(Summarised):
 
     @property
     def best(self) -> Restart:
-        """The restart that the world is from."""
+        """The restart whose world was kept."""
         return max(self.restarts, key=_rank)
 
     @property

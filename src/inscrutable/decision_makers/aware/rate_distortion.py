@@ -113,7 +113,7 @@ class RateDistortionDecisionMaker(AwareDecisionMaker["_Solution"]):
 
     @property
     def status(self) -> DecisionStatus:
-        """Whether rate and bound met."""
+        """Whether rate and bound agree within the gap."""
         return DecisionStatus.GAP_REACHED if self.gap <= self.options.gap else DecisionStatus.BOUNDED
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> MixedDecisions:

@@ -119,7 +119,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
 
     @property
     def status(self) -> DecisionStatus:
-        """Whether value and bound met."""
+        """Whether value and bound agree within the gap."""
         return DecisionStatus.GAP_REACHED if self.gap <= self._found.goal else DecisionStatus.BOUNDED
 
     @property

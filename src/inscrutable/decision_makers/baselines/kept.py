@@ -83,7 +83,7 @@ class KeptDecisionMaker(Described):
         return played.actions[drawn[stay]]
 
     def memory_mechanism(self, beliefs: ArrayLike) -> MemoryMechanism:
-        """Return what is played on beliefs (B,X) as a mechanism whose memory is the belief and the decision drawn for it.
+        """Return the rule on beliefs (B,X) as a mechanism whose memory is the belief and the decision drawn for it.
 
         Memory 0 stands for no decision yet, memory 1 + p for the p-th entry of K above 0, row by row. It is private.
 

@@ -116,7 +116,7 @@ class DecisionSequence(Summarised, KeptInFile):
 
     @property
     def price_index(self) -> int:
-        """Which of the calibration's prices is used."""
+        """Index of the calibration's price that is used."""
         return self._priced()[1]
 
     @property
@@ -240,7 +240,7 @@ class DecisionSequence(Summarised, KeptInFile):
         self._published, self._looked = True, False
 
     def observe(self, public: int | ArrayLike | None = None) -> None:
-        """Begin the next step, with the public information of that step.
+        """Begin the next step with its public observation.
 
         Before the first decision it gives the information of the first step; a second call in a step ends it without a
         decision. Where the chain has public symbols, every step begins with this call, before its decision.
@@ -294,7 +294,7 @@ class DecisionSequence(Summarised, KeptInFile):
         return int(played[place]), step.is_hidden or gap <= tolerances.SAME_ACTION
 
     def save(self, path: PathLike) -> None:
-        """Write the sequence's memory to `path`, all or nothing, and lock the file for other processes until `close`.
+        """Write the sequence's memory to `path` atomically, and lock the file for other processes until `close`.
 
         No belief of the agent's is written, and no generator or seed.
 

@@ -150,12 +150,12 @@ class Study(Summarised):
 
     @property
     def extensions(self) -> tuple[Extension, ...]:
-        """The user-defined parts that it may name."""
+        """The user-defined parts that the study may name."""
         return getattr(type(self.plan), "extensions", ())
 
     @cached_property
     def grid(self) -> TaskGrid:
-        """Its tasks."""
+        """The tasks of the study."""
         return kind_of(self.plan).grid(self.plan, self.data_hash)
 
     @property
@@ -174,7 +174,7 @@ class Study(Summarised):
         return StudyStatus(counts.get(DONE, 0), counts.get(FAILED, 0), self.n_tasks, seconds)
 
     def frame(self, *, durations: bool = False) -> pd.DataFrame:
-        """Return its rows in the order of the grid, one for each task done: what varies, status, figures, failure.
+        """Return the rows in the order of the grid, one for each task done: what varies, status, figures, failure.
 
         Args:
             durations: Whether to add the seconds that each task took, which no two runs share.

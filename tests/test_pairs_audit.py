@@ -241,7 +241,9 @@ def test_lags_count_steps_in_time_though_rows_are_missing() -> None:
     assert audited.n_rows == 199
     two = pd.DataFrame({"signal": secret, "other": secret.where(np.arange(400) > 30)})
     said = audit_pairs(two, decisions[::2], lags=(1,), shifts=19).summary()
-    assert "of 400 rows of secrets have no decision at every lag or, 31 of them, lack a secret, and are left out" in said
+    assert (
+        "of 400 rows of secrets have no decision at every lag or, 31 of them, lack a secret, and are left out" in said
+    )
 
 
 def test_columns_and_lags_that_tell_are_named() -> None:

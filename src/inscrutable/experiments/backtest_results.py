@@ -289,7 +289,9 @@ def _figures(result: Backtest, name: str) -> dict[str, float]:
         "annual_return_net": earned.annual_return(net=True),
         "annual_sharpe_net": earned.sharpe_ratio(net=True),
         **_interval("annual_sharpe_net_minus_odm", versus.net),
-        "assets_held": float((np.abs(record.decisions.action) >= result.problem.constraints.min_slack).sum(axis=1).mean()),
+        "assets_held": float(
+            (np.abs(record.decisions.action) >= result.problem.constraints.min_slack).sum(axis=1).mean()
+        ),
         **_cost_figures(result, record),
         **_privacy_figures(result, name),
         **_aware_figures(result, name),

@@ -362,7 +362,7 @@ def test_a_backtest_of_alphas_by_command(capsys: pytest.CaptureFixture[str], tmp
     second = past.T @ past / 35
     rate = (past[1:] * past[:-1]).sum() / np.sqrt((past[1:] ** 2).sum() * (past[:-1] ** 2).sum())
     world = LinearGaussianWorld(rate * np.eye(3), (1 - rate**2) * second, np.eye(3), np.zeros((3, 3)))
-    maker = AlphaDecisionMaker(AlphaProblem(training.cov() * 35 / 36, 3.0), 0.4, world=world)
+    maker = AlphaDecisionMaker(AlphaProblem(training.cov(), 3.0), 0.4, world=world)
     path = maker.decide_path(own.iloc[35:], rng=np.random.default_rng(2))
     earned = (path.actions * returns.iloc[36:].to_numpy()).sum(axis=1)
     np.testing.assert_allclose(table["published"], 1e4 * earned, rtol=1e-6)

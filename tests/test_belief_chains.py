@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import sparse
+from scipy.sparse.linalg import spsolve
 
 from inscrutable import (
     CategoricalEmission,
@@ -101,7 +102,49 @@ def test_the_chain_of_a_world_counts_its_path() -> None:
     counts = np.zeros((len(prior), len(prior)))
     for before, after in zip(near, [*near[1:], near[0]], strict=True):
         counts[before, after] += 1
-    np.testing.assert_allclose(chain.transition.toarray(), counts / counts.sum(axis=1, keepdims=True), atol=1e-12)
+    shares = chain.transition.toarray()
+    assert np.array_equal(shares > 0, counts > 0)
+    # Steps have weights near one, which balance the time in each state.
+    np.testing.assert_allclose(shares, counts / counts.sum(axis=1, keepdims=True), atol=0.02)
+    np.testing.assert_allclose(prior.weights, counts.sum(axis=1) / 1800, atol=0.02)
+    assert prior.weights @ shares == pytest.approx(prior.weights, abs=1e-12)
+
+
+@pytest.mark.parametrize("stays", [(0.9, 0.8), (0.998, 0.998), (0.9995, 0.999)])
+def test_the_law_is_right_where_states_last_long(fresh_rng: np.random.Generator, stays: tuple[float, float]) -> None:
+    """Against the filter's own chain on 4,001 points, of which each step goes to the two nearest, by linear equations."""
+    (a, b), sensor = stays, np.array([[0.7, 0.3], [0.4, 0.6]])
+    transition = np.array([[a, 1.0 - a], [1.0 - b, b]])
+    n = 4001
+    points = np.linspace(0.0, 1.0, n)
+    here = np.column_stack([points, 1.0 - points])
+    moves = sparse.csr_array((n, n))
+    for symbol in range(2):
+        joint = here @ transition * sensor[:, symbol]
+        chance = joint.sum(axis=1)
+        place = joint[:, 0] / chance * (n - 1)
+        low = np.minimum(place.astype(int), n - 2)
+        for column, share in ((low, 1.0 - (place - low)), (low + 1, place - low)):
+            moves = moves + sparse.csr_array((chance * share, (np.arange(n), column)), shape=(n, n))
+    system = sparse.lil_array(sparse.identity(n) - moves.T)
+    system[0, :] = 1.0
+    law = spsolve(sparse.csc_array(system), np.eye(n)[0])
+    world = HiddenMarkovModel(transition, CategoricalEmission(sensor))
+    chain = filtered_chain(world, 200, rng=fresh_rng)
+    assert chain.prior.mean[0] == pytest.approx((1.0 - b) / (2.0 - a - b), abs=1e-3)
+    assert chain.prior.mean[0] == pytest.approx(law @ points, abs=1e-3)
+    spread = np.sqrt(2.0 * (law @ points**2 - (law @ points) ** 2))
+    assert chain.prior.error == pytest.approx(spread, rel=0.02)
+    assert chain.prior.weights @ chain.transition == pytest.approx(chain.prior.weights, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "transition", [np.eye(2), [[1.0, 0.0], [0.1, 0.9]], [[0.0, 1.0], [1.0, 0.0]], [[1 - 1e-9, 1e-9], [1e-9, 1 - 1e-9]]]
+)
+def test_states_that_a_path_never_sees_or_never_leaves_have_a_chain(transition: Any) -> None:
+    world = HiddenMarkovModel(transition, CategoricalEmission([[0.7, 0.3], [0.4, 0.6]]), [0.3, 0.7])
+    chain = filtered_chain(world, 20, rng=np.random.default_rng(0), n_steps=2000)
+    assert chain.prior.weights @ chain.transition == pytest.approx(chain.prior.weights, abs=1e-12)
 
 
 def test_the_predicted_chain_is_one_step_ahead() -> None:

@@ -452,6 +452,12 @@ LEAST_LAW = 1e-9
 LEAST_SPREAD = 1e-3
 """Share of the differences of a rival's answers that is the least unit of its loss."""
 
+NO_DRIFT = 1e-9
+"""Size of the moves π − P'π of a path's cycles in a direction that is rounding: the entries of each move sum to zero."""
+
+BALANCED = 1e-9
+"""Mean of these moves, at size one, that counts as zero; without weights it is about one over the root of the cycles."""
+
 LINE_SEARCH = 1e-4
 """Share of the way between two tables to which the best mixture of them is found; the programme improves it."""
 

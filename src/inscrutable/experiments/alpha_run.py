@@ -156,7 +156,8 @@ def _risk(sample: ReturnsSample, given: str | None) -> pd.DataFrame:
         still = table.columns[int((scale <= 0).argmax())]
         raise InputError(f"the return of {still!r} does not move in the training sample: it has no risk to estimate")
     found = rule.estimate(spread / scale, np.full(len(spread), 1.0 / len(spread))).covariance * np.outer(scale, scale)
-    return pd.DataFrame(found, table.columns, table.columns)
+    # Divided by T − 1, as a covariance is in `protect --alphas` and `views`.
+    return pd.DataFrame(found * len(spread) / (len(spread) - 1), table.columns, table.columns)
 
 
 def _law(past: pd.DataFrame) -> LinearGaussianWorld:

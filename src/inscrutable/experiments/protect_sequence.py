@@ -251,7 +251,7 @@ def protect_step(
         >>> model = InvestorModel(world, problem, ("A", "B"), ("calm", "turbulent"))
         >>> with tempfile.TemporaryDirectory() as folder:  # a budget that pays for silence, for which no price is sought
         ...     found = protect_step(model, [0.25, 0.75], Path(folder) / "state", Budget.regret(1.0), publish=True)
-        >>> print(found.published.round(2), found.told)
+        >>> print(found.published.round(2), round(found.told, 9))
         [0.5 0.5] 0.0
     """
     checked_model(model)

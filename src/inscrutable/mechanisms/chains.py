@@ -237,11 +237,11 @@ def _binned(
 ) -> BeliefChain:
     """The chain, with cells whose errors are not measured yet."""
     asked = _asked_cells(cuts)
-    prior, places, public = grid_visits(world, resolution, rng=rng, n_steps=n_steps)
+    prior, places, weights, public = grid_visits(world, resolution, rng=rng, n_steps=n_steps)
     later = np.roll(places, -1)
 
     def counted(some: Any) -> Any:
-        pairs = np.ones(len(places[some])), (places[some], later[some])
+        pairs = weights[some], (places[some], later[some])
         return sparse.csr_array(sparse.coo_array(pairs, shape=(len(prior), len(prior))))
 
     counts = counted(slice(None))

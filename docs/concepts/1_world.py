@@ -22,13 +22,13 @@ world = HiddenMarkovModel(
 )
 
 # %%
-# Without an ``initial`` law the world starts in its stationary one: the long-run frequency of each regime.
+# Without an ``initial`` law the first state has the stationary law of P: the long-run frequency of each regime.
 
 for name, share in zip(regimes, world.initial, strict=True):
     print(f"{name:7} {share:.2f}")
 
 # %%
-# These are ten years of observations. Simulations need a generator from the caller.
+# The figure shows ten years of observations. A simulation needs a random generator from the caller.
 
 path = world.sample(120, rng=np.random.default_rng(3))
 months = np.arange(120)
@@ -55,5 +55,4 @@ with drawing(6.0, 2.4) as (figure, axes):
 
 # %%
 # A sensor of real numbers is a :class:`~inscrutable.GaussianEmission`; :func:`~inscrutable.fit_gaussian_hmm` finds regimes in
-# returns. Regimes found in data are named by rising volatility. A sensor of your own is one class, see
-# :doc:`/extending`.
+# returns, and names them in the order of their volatility. To add a sensor, write one class (:doc:`/extending`).

@@ -2,7 +2,8 @@
 Filter
 ======
 
-The agent's *private belief* π is its posterior: the probability of each state, given all observations so far. With B(y) the diagonal of p(y | x) and P the transition matrix, one step is
+The agent's *private belief* π is its posterior: the probability of each state, given all observations so far. With B(y) the
+diagonal matrix of p(y | x) and P the transition matrix, one step is
 
 .. code-block:: text
 
@@ -34,8 +35,8 @@ print("belief in the last month      ", found.beliefs[-1].round(2))
 print("belief about the month after  ", found.predicted[-1].round(2))
 
 # %%
-# ``beliefs`` holds the posterior of a month at its end, ``predicted`` that of the month after. A decision that pays off in the
-# next month belongs to the latter.
+# ``beliefs`` has the posterior of each month's state given the observations up to that month; ``predicted`` has that of the
+# next month's state given the same observations. A decision that pays off in the next month is based on ``predicted``.
 
 with drawing(6.0, 2.4) as (figure, axes):
     axes.stackplot(
@@ -60,7 +61,8 @@ with drawing(6.0, 2.4) as (figure, axes):
     figure.savefig("filter.png")
 
 # %%
-# The filter is causal: a belief never changes when later observations arrive. To filter one observation at a time gives the same beliefs.
+# The filter is causal: a belief never changes when later observations arrive. Filtering one observation at a time gives the
+# same beliefs.
 
 online = BeliefFilter(world)
 for signal in path.observations:

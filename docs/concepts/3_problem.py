@@ -8,8 +8,8 @@ A decision u costs c(i, u) in state i. The agent does not know the state, so it 
 
    u*(π) = argmin Σ_i π_i c(i,u) over u ∈ C,    V(π) = min Σ_i π_i c(i,u) over u ∈ C
 
-The *state costs* s(u) = (c(1,u), …, c(X,u)) do not depend on the belief. The *regret* of a decision is its cost above the optimum,
-ρ(π, u) = π·s(u) − V(π) ≥ 0.
+The *state costs* s(u) = (c(1,u), …, c(X,u)) do not depend on the belief. The *regret* of a decision is its expected cost above
+the optimum, ρ(π, u) = π·s(u) − V(π) ≥ 0.
 """
 
 import numpy as np
@@ -34,8 +34,9 @@ print("V(belief)   ", problem.optimal_cost(belief).round(5))
 print("regret of equal weights", problem.regret(belief, np.full(3, 1 / 3)).round(6))
 
 # %%
-# The left panel has the optimal weights for every probability of a crisis: each portfolio reveals its belief. The right panel has the
-# regret of acting under another belief than the true one, which does not decrease along a ray from the true belief.
+# The left panel shows the optimal weights for every probability of a crisis: each portfolio reveals its belief. The right panel
+# shows the regret of the decisions that are optimal under other beliefs than the true one. It does not decrease along a ray
+# from the true belief.
 
 crisis = np.linspace(0.0, 1.0, 201)
 beliefs = np.column_stack([1 - crisis, np.zeros(201), crisis])
@@ -63,7 +64,7 @@ with drawing(6.4, 2.6, ncols=2) as (figure, (left, right)):
     figure.savefig("problem.png")
 
 # %%
-# Feasible sets are combined with ``&``; every row has a name that errors and reports use.
+# Feasible sets are combined with ``&``. Every constraint has a name, which errors and reports use.
 
 capped = MarkowitzProblem(
     problem.means,
@@ -74,6 +75,7 @@ capped = MarkowitzProblem(
 print("at most a half in each:", capped.solve(belief).round(3))
 
 # %%
-# There are other costs: :class:`~inscrutable.QuadraticProblem`, :class:`~inscrutable.LinearProblem`, :class:`~inscrutable.FiniteProblem`
-# for choices, :class:`~inscrutable.KellyProblem` for growth, :class:`~inscrutable.ConvexProblem` for costs in a modelling
-# language or as functions, :func:`~inscrutable.dispatch_problem` for power plants. A class of your own is one more (:doc:`/extending`).
+# There are other costs: :class:`~inscrutable.QuadraticProblem`, :class:`~inscrutable.LinearProblem`,
+# :class:`~inscrutable.FiniteProblem` for finitely many choices, :class:`~inscrutable.KellyProblem` for growth,
+# :class:`~inscrutable.ConvexProblem` for costs written in CVXPY or as functions, :func:`~inscrutable.dispatch_problem` for
+# power plants. You can add a class of your own (:doc:`/extending`).

@@ -2,8 +2,8 @@
 Adversary
 =========
 
-An *adversary*, or *observer*, sees the decision and knows the costs. The *naive observer* takes the decision for optimal and solves
-the inverse optimisation problem. The solutions, the *consistent beliefs*, are a polytope, given by the KKT conditions:
+An *adversary*, or *observer*, sees the decision and knows the costs. The *naive observer* takes the decision for optimal and
+solves the inverse optimisation problem. The solutions, the *consistent beliefs*, are a polytope, given by the KKT conditions:
 
 .. code-block:: text
 
@@ -37,8 +37,8 @@ seen = consistent_beliefs(problem, weights)
 print("holds", weights.round(3), "and gives away", seen.center().round(3))
 
 # %%
-# An asset that is not held gives an inequality in place of an equation. So the sets of portfolios that hold three, two and one asset
-# are a point, a segment and an area.
+# An asset that is not held gives an inequality instead of an equation. So the consistent beliefs of portfolios that hold three,
+# two and one asset are a point, a segment and an area.
 
 for acted in ([0.6, 0.3, 0.1], [0.85, 0.1, 0.05], [0.2, 0.2, 0.6]):
     action = problem.solve(acted)
@@ -50,8 +50,8 @@ for acted in ([0.6, 0.3, 0.1], [0.85, 0.1, 0.05], [0.2, 0.2, 0.6]):
 
 # %%
 # For a rounded portfolio the observer takes the *near-optimal* beliefs: those under which its regret is at most some ε. For a
-# portfolio that no belief explains, ``explain_action`` gives the belief of least regret, and that regret, the *plausibility
-# gap*.
+# portfolio that no belief explains, ``explain_action`` gives the belief under which its regret is least, and this regret, the
+# *plausibility gap*.
 
 rounded = weights.round(2)
 rounded[1] += 1 - rounded.sum()
@@ -72,5 +72,5 @@ with drawing(4.2, 3.8, subplot_kw={"projection": "ternary"}) as (figure, axes):
     figure.savefig("adversary.png")
 
 # %%
-# The star is the true belief of the first portfolio; dashes lead from it to the consistent beliefs of the other portfolios. Observers
-# who also know the budget, the rule or the world are listed in :doc:`/threat-model`.
+# The star is the true belief of the first portfolio; dashes lead from it to the consistent beliefs of the other portfolios.
+# :doc:`/threat-model` lists observers who also know the budget, the rule or the world.

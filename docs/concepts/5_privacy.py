@@ -2,8 +2,9 @@
 Privacy
 =======
 
-*Privacy* Ψ says how much the naive observer is misled: how Π(u), the beliefs that it takes for possible, differs from the true belief
-π. The paper has five measures of this. The one used most, *maximal obfuscation*, is the distance of the belief from Π(u):
+*Privacy* Ψ measures how much the naive observer is misled: how Π(u), the beliefs that it takes for possible, differs from the
+true belief π. The paper has five such measures. The one used most, *maximal obfuscation*, is the distance of the belief from
+Π(u):
 
 .. code-block:: text
 
@@ -48,9 +49,10 @@ for measure in (
     print(f"{type(measure).__name__:20} {measure(belief, instead):6.3f}")
 
 # %%
-# An agent that hides plays the optimal decision of another belief, a *decoy* (the field: a misreport). Every decoy has a privacy and a
-# regret. The decoys with a regret of at most a tenth of ``|c*|``, the size of the optimal cost, form a region around the belief; the counter-adversarial decision maker plays the
-# decision of the most private one.
+# An agent that hides its belief plays the decision that is optimal under another belief, a *decoy* (a *misreport* of the type).
+# Every decoy has a privacy and a regret. The decoys with a regret of at most a tenth of ``|c*|``, the size of the optimal cost,
+# form a region around the belief. The counter-adversarial decision maker plays the decision of the decoy with the largest
+# privacy in this region.
 
 candidates = decoy_grid(problem, 60)
 regrets = candidates.state_costs @ belief - problem.optimal_cost(belief)
@@ -86,8 +88,8 @@ with drawing(4.6, 3.8, subplot_kw={"projection": "ternary"}) as (figure, axes):
     figure.savefig("privacy.png")
 
 # %%
-# Against the *aware observer*, who knows the rule and a prior over beliefs, the measures are the *leakage* I(π; u) in bits and the error of
-# the best estimate. These are the figures of the optimal decisions:
+# The *aware observer* knows the rule and a prior over beliefs. Against it the measures are the *leakage* I(π; u) in bits and
+# the error of its best estimate. These are the figures of the optimal decisions:
 
 prior = uniform_prior(3, 20)
 print(

@@ -3,16 +3,15 @@ Decision maker
 ==============
 
 The *original* decision maker (ODM) takes the decision of least expected cost. The *counter-adversarial* one (CDM) takes the
-decision of the largest privacy within a budget of regret; the *probabilistic* one (PDM) draws from a *lottery* (a randomised
-decision) that keeps the budget on average.
+decision of the largest privacy whose regret is within a budget. The *probabilistic* one (PDM) draws from a *lottery* (a
+randomised decision) whose expected regret is within the budget.
 
 .. code-block:: text
 
    CDM: max Ψ(u) over u ∈ C with ρ(π,u) ≤ r
    PDM: max Σ_l p_l Ψ(u_l) over lotteries p with Σ_l p_l ρ(π,u_l) ≤ r
 
-A budget that is a plain number c_b means ``r = c_b |c*|``, the paper's share of the optimal cost; ``Budget.regret`` gives r
-itself.
+A plain number c_b as a budget means ``r = c_b |c*|``, the paper's share of the optimal cost; ``Budget.regret`` gives r itself.
 """
 
 import numpy as np
@@ -44,8 +43,9 @@ pdm = ProbabilisticDecisionMaker(problem, budget=0.1).decide(belief)
 print(cdm.summary(), pdm.summary(), sep="\n\n")
 
 # %%
-# On the left are the portfolios, on the right the beliefs that explain them. The bars are the decisions of the lottery; their heights are the
-# probabilities. A draw to be published needs no generator: it then uses the operating system's entropy, because a known seed reveals the draw.
+# The left panel shows the portfolios, the right one the beliefs that explain them. The bars are the decisions of the lottery;
+# their heights are the probabilities. To publish a draw, pass no generator: it then uses the operating system's entropy,
+# because a known seed reveals the draw.
 
 drawn = pdm.sample(rng=np.random.default_rng(0))
 with drawing(7.4, 3.4, ncols=2, subplot_kw={"projection": "ternary"}) as (
@@ -67,9 +67,9 @@ with drawing(7.4, 3.4, ncols=2, subplot_kw={"projection": "ternary"}) as (
     figure.savefig("decisions.png")
 
 # %%
-# The *frontier* is the privacy-utility trade-off: the largest privacy at every budget. For lotteries it is the concave envelope
-# of that of single decisions. Its slope (``Frontier.price``), the dual variable of the budget, is the privacy that one more
-# unit of regret buys; the inverse, the regret of one more unit of privacy, is the *price of privacy*.
+# The *frontier* is the privacy-utility trade-off: the largest privacy at every budget. The frontier of lotteries is the concave
+# envelope of the frontier of single decisions. Its slope (``Frontier.price``), the dual variable of the budget, is the privacy
+# that one more unit of regret buys; the inverse, the regret of one more unit of privacy, is the *price of privacy*.
 
 frontier = privacy_frontier(problem, belief)
 regrets = np.linspace(0.0, 0.5 * abs(cdm.optimal_cost), 301)

@@ -2,13 +2,15 @@
 Gaussian beliefs
 ================
 
-Most desks hold no belief over three regimes but a vector of expected returns, *alphas*; most controllers hold an estimate with a
-covariance. The story is the same. A hidden state moves linearly with Gaussian noise, a private sensor reads it, and a Kalman filter
-gives the belief N(m, P). Its covariance P is known to all who know the model; its mean m is private, and drives the decision
+Most trading desks have no belief over regimes but a vector of expected returns, *alphas*; most controllers have an estimate
+with a covariance. The structure is the same. A hidden state moves linearly with Gaussian noise, a private sensor observes it,
+and a Kalman filter gives the belief N(m, P). Everybody who knows the model knows the covariance P. The mean m is private, and
+determines the decision
 
 .. math:: \\min_{u \\in C} \\; \\gamma u'Vu - (Bm)'u ,
 
-where V is the covariance of the assets and B the loadings of assets on signals (with B = I, m holds the expected returns themselves).
+where V is the covariance of the assets and B are the loadings of assets on signals (with B = I, m holds the expected returns
+themselves).
 """
 
 from pathlib import Path
@@ -39,8 +41,8 @@ from inscrutable.reports.views import draw_views
 # From observations to a mean
 # ---------------------------
 #
-# Take one signal that decays by a tenth a month and is read with noise as large as itself. An observation may be missing; the filter goes on
-# with its prediction. After some months its covariance has converged.
+# The signal below decays by a tenth a month and is observed with noise of its own variance. An observation may be missing; the
+# filter then only predicts. After some months its covariance has converged.
 
 world = LinearGaussianWorld([[0.9]], [[0.19]], [[1.0]], [[1.0]])
 readings = world.sample(60, rng=np.random.default_rng(0)).observations
@@ -59,9 +61,10 @@ print(f"in the long run {steady_filter(world).covariance[0, 0]:.3f}")
 # .. math:: Bm \in 2\gamma Vu + N_C(u),
 #
 # where N_C(u) is the normal cone of the active constraints. Without constraints that is one point, which is Sharpe's reverse
-# optimisation and the prior of Black and Litterman. A budget row leaves a common shift free, so that only differences are identified;
-# a weight at a limit gives one inequality. Differences are best taken from an asset that is not at a limit: the weights give only a lower
-# bound of the expected return of an asset at its cap. The factors of a risk model are never multiplied out: thousands of assets take milliseconds.
+# optimisation and the prior of Black and Litterman. Where weights must sum to one, a constant added to all expected returns
+# changes nothing, so that only differences are identified. A weight at a limit gives one inequality. Take differences from an
+# asset that is not at a limit: of an asset at its cap the weights give only a lower bound. Factor covariances are never
+# multiplied out, so that thousands of assets take milliseconds.
 
 rng = np.random.default_rng(3)
 names = ["Food", "Oil", "Chips", "Banks", "Drugs", "Cars", "Power", "Shops"]
@@ -74,8 +77,8 @@ views = implied_views(problem, weights, reference="Chips")
 print(views)
 
 # %%
-# Now the same weights are read as at most two basis points a month worse than the best. Assets that are not held have only an upper
-# bound: the arrows are unbounded below.
+# Now the observer assumes only that the weights cost at most two basis points a month more than the best ones. For assets that
+# are not held there is only an upper bound: the arrows mean that the interval is unbounded below.
 
 near = implied_views(problem, weights, regret=0.0002, reference="Chips")
 with drawing(7.0, 2.8, ncols=2, sharey=True) as (figure, axes):
@@ -86,10 +89,10 @@ with drawing(7.0, 2.8, ncols=2, sharey=True) as (figure, axes):
 # How far from the truth
 # ----------------------
 #
-# The paper's measures apply to implied views as to sets of beliefs. Within a regret r, and without constraints, the
-# farthest view lies along the riskiest direction, at √(4γ r λ), with λ the largest eigenvalue of V: there an error in expected returns
-# moves weights least. Under limits the search follows rays from m until the budget is spent, and keeps weights off their
-# limits by the least slack: a weight at a limit is explained by all views on one side, the true one perhaps among them.
+# The paper's measures apply to implied views as to sets of beliefs. Within a regret r, and without constraints, the farthest
+# view lies along the riskiest direction, at √(4γ r λ), with λ the largest eigenvalue of V: there an error in expected returns
+# moves weights least. Under limits the search follows rays from m until the budget is spent. It keeps weights off their limits
+# by the least slack: all views on one side explain a weight at a limit, and the true one may be among them.
 
 free = AlphaProblem(risk, 4.0)
 for shown, what in ((free, "no limits"), (problem, "long-only, capped")):
@@ -99,15 +102,16 @@ for shown, what in ((free, "no limits"), (problem, "long-only, capped")):
     print(f"  the true view is {MaximalObfuscation()(mean, read):.5f} away")
 
 # %%
-# That is one decision against the naive observer. The aware observer infers more.
+# This was one decision against the naive observer. The aware observer infers more.
 #
 # What the aware observer learns
 # ------------------------------
 #
-# `AlphaDecisionMaker` spends a share of the silence regret, the regret of the decision for the public law alone. It has two objectives:
-# the fewest bits, or the largest error of the observer. Each is optimal among all rules of this regret. The study
-# `studies/alphas.toml` computes this in random markets, and lets an observer learn from simulated decisions; here is a part of it. The rule of the largest error
-# leaks many bits: it reveals some directions nearly exactly, and others not at all.
+# `AlphaDecisionMaker` has a given expected regret, a share of the silence regret, which is the regret of the decision for the
+# public law alone. Its objective is the fewest bits or the largest error of the observer. It reaches the optimum of either
+# among all rules of this regret. The study `studies/alphas.toml` computes this in random markets, and lets an observer learn
+# from simulated decisions; here is a part of it. The rule of the largest error leaks many bits: it reveals some directions
+# nearly exactly, and others not at all.
 
 file = {
     "kind": "alphas",

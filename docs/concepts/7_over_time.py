@@ -2,16 +2,17 @@
 Over time
 =========
 
-Leakage accumulates over repeated decisions. Independent draws from a fixed mechanism K(u | π) average out. The *sequential rule*
-decides by the observer's law p_t of the belief, given all earlier decisions: at every step it solves the one-step problem with p_t as
-the prior, at two fixed prices,
+Leakage accumulates over repeated decisions: the randomness of independent draws from a fixed mechanism K(u | π) averages out.
+Let p_t be the observer's law of the belief, given all earlier decisions. At every step the *sequential rule* solves the
+one-step problem with p_t as the prior, at two fixed prices s and λ,
 
 .. code-block:: text
 
    K_t = argmax_K  E[L(p_u)] − s E[ρ(π,u)] − λ I(π;u)   under p_t,    p_{t+1} = predict(Bayes(p_t, u_t))
 
-with the observer's loss L (here the mean square error of its best estimate), the regret ρ and the mutual information I. Of several prices
-λ of information the best one is taken; the price s is such that the long-run mean regret is the budget.
+with the observer's loss L (here the mean square error of its best estimate), the posterior p_u after the decision u, the regret
+ρ and the mutual information I. The rule takes the best of several prices λ of information; the price s of regret is such that
+the long-run mean regret equals the budget.
 """
 
 import numpy as np
@@ -34,9 +35,10 @@ found = compare(
 print(found.header())
 
 # %%
-# Each rule spends half the *silence regret*, the expected regret of the best constant decision. On the left all decisions are made on one belief. The observer knows that it stays; the
-# rule does not, except on the dotted curve. On the right the belief changes: at each step it stays the same with probability 0.9, and
-# the observer has filtered it for a long time. The dashed line is the error without decisions.
+# Each rule has half the *silence regret* as its expected regret; the silence regret is that of the best constant decision (the
+# value of information). In the left panel the belief is the same at all decisions. The observer knows this; the rule knows it
+# on the dotted curve alone. In the right panel the belief is drawn anew at each step with probability 0.1, and the observer has
+# filtered it for a long time. The dashed line is the error without decisions.
 
 looks = looks_of([*names])
 with drawing(7.4, 3.2, ncols=2, width_ratios=[3, 2]) as (figure, (left, right)):
@@ -80,8 +82,8 @@ with drawing(7.4, 3.2, ncols=2, width_ratios=[3, 2]) as (figure, (left, right)):
     figure.savefig("over_time.png")
 
 # %%
-# **Nothing is revealed twice** where rule and observer both know that the belief stays: the dotted curve is level. The proof
-# takes a few lines. Write
+# **No further leakage while the belief stays the same** and rule and observer both know it: the dotted curve is level. The
+# proof takes a few lines. Write
 #
 # .. code-block:: text
 #
@@ -89,18 +91,18 @@ with drawing(7.4, 3.2, ncols=2, width_ratios=[3, 2]) as (figure, (left, right)):
 #
 # 1. The value of a mechanism K at p is Σ_u Pr(u) ψ_u(p_u) − λ H(p), with p_u the posterior after u, because
 #    I(π;u) = H(p) − Σ_u Pr(u) H(p_u).
-# 2. The posteriors p_u average to p, and every family of laws that does so is that of some mechanism.
+# 2. The posteriors p_u average to p. Every family of laws that average to p is the family of posteriors of some mechanism.
 # 3. So the optimum is F(p) − λ H(p), with F the concave envelope of max_u ψ_u.
-# 4. An optimal mechanism puts p_u where F(p_u) = ψ_u(p_u): otherwise p_u could be split further, at a gain.
+# 4. Under an optimal mechanism F(p_u) = ψ_u(p_u): otherwise splitting p_u further would raise the value.
 # 5. At the law p_u, playing u for certain has the value ψ_u(p_u) − λ H(p_u) = F(p_u) − λ H(p_u), which is the optimum.
-# 6. A decision that is played for certain reveals nothing, so the law stays p_u, and the same holds at the next step.
+# 6. A decision that is played for certain reveals nothing. So the law stays p_u, and the same holds at the next step.
 #
-# The conditions are the same prices, decisions and caps at every step, an exact optimum, and, among equal optima, the one of least
-# information. The rule tests whether the last decision is still optimal for certain before it solves anything else.
+# The proof needs the same prices, decisions and caps at every step, an exact optimum, and the least information among equal
+# optima. So the rule first tests whether it is optimal to play the last decision again for certain.
 #
-# **It does not hold** for a belief that happens to stay while the rule assumes that it moves. The rule then assumes that its earlier
-# information ages, reveals a little again, and an observer who knows that the belief stays accumulates it: the solid curve of the
-# sequential rule falls.
+# **This does not hold** for a belief that stays the same while the rule assumes that it moves. The rule then assumes that the
+# observer's information ages, and reveals a little more. An observer who knows that the belief stays accumulates this: the
+# solid curve of the sequential rule falls.
 
 for row in found.rows:
     once, last = row.repeated_errors[[0, -1]]
@@ -111,16 +113,17 @@ for row in found.rows:
 print(f"{'no rule':16s}over time more than {told.path_ceiling:.2f}")
 
 # %%
-# **The ceiling.** Let V₁(r; w) be the largest expected loss of the observer after one decision of a belief of law w, at an
-# expected regret r. It is jointly concave in r and w. So, on average over the steps, no rule whose decisions are seen exactly
-# and at once keeps more than V₁(mean regret; mean law of the belief), with any memory and any draws. The line on the right is
-# its root, from a dual solution, so that it is a valid bound even if the solver was inexact.
+# **The ceiling.** Let V₁(r; w) be the largest expected loss of the observer after one decision on a belief of law w, at an
+# expected regret r. It is jointly concave in r and w. So, where decisions are seen exactly and at once, the observer's loss
+# averaged over the steps is at most V₁(mean regret; mean law of the belief) under any rule, with any memory and any
+# randomisation. The line on the right is the square root of this bound. It comes from a dual solution, so that it is valid even
+# if the solver was inexact.
 #
-# **With a memory alone.** Where the observer can reach only finitely many laws, `SequentialDecisionMaker.as_mechanism()`
-# returns the rule as a mechanism whose memory is the law: tables instead of a solver. Otherwise a status says so.
+# **The rule as a table.** Where the observer can reach only finitely many laws, `SequentialDecisionMaker.as_mechanism()`
+# returns the rule as a mechanism whose memory is the law: tables replace the solver. Otherwise the status says that it cannot.
 #
-# **A delay is enough** where beliefs change within the delay. The observer knows the belief of d steps ago, and its error is
-# the change since then: with a chain of two states that flips with probability p its guess is wrong with probability
-# (1 − (1 − 2p)^d)/2. A belief that stays longer than the delay is revealed exactly, as the left panel shows.
+# **A delay is enough** where beliefs change within the delay. The observer knows the belief of d steps ago and errs by the
+# change since then: with a chain of two states that flips with probability p its guess is wrong with probability (1 − (1 −
+# 2p)^d)/2. A belief that stays longer than the delay is revealed exactly, as the left panel shows.
 #
 # The :ref:`page on worth <sphx_glr_made_concepts_7_worth.py>` states what a rival gains, and against whom no rule protects.

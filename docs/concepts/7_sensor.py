@@ -2,15 +2,16 @@
 The sensor behind the beliefs
 =============================
 
-Beliefs depend on the sensor (the observation model B), so beliefs reveal it. An observer who sees π₀, π₁, … and knows the transition P
-has, at every step, the column of B for the symbol that the agent saw, up to a factor:
+Beliefs depend on the sensor (the observation model B), so beliefs reveal it. From π₀, π₁, … and the transition P an observer
+computes, at every step, the column b of B for the symbol that the agent saw, up to a factor:
 
 .. code-block:: text
 
    π_k = diag(b) P'π_{k−1} / 1'diag(b) P'π_{k−1}     so     b ∝ π_k / P'π_{k−1}, entry by entry
 
-With no more symbols than states the factors follow, because the rows of B sum to one. With more symbols they do not, and the
-frequencies of the symbols have to give them: the result's status names the case, and its intervals give the accuracy of the entries.
+With at most as many symbols as states, the factors follow, because the rows of B sum to one. With more symbols they do not, and
+the observer estimates them from the frequencies of the symbols. The status of the result names the case; its intervals give the
+accuracy of the entries.
 """
 
 import numpy as np
@@ -39,8 +40,8 @@ beliefs = filter_beliefs(world, world.sample(200, rng=rng).observations).beliefs
 print(estimate_sensor(beliefs, transition))
 
 # %%
-# The transition need not be known. All steps of one symbol satisfy linear equations in M = diag(b)P'; P follows from the steps
-# of a single symbol. The steps are clustered by symbol:
+# The observer need not know the transition. All steps of one symbol satisfy linear equations in M = diag(b)P'; P follows from
+# the steps of a single symbol. The steps are clustered by symbol:
 
 print(estimate_world(beliefs, n_symbols=3))
 
@@ -58,9 +59,10 @@ for noise in (1e-4, 1e-3, 1e-2):
     )
 
 # %%
-# Decisions contain less information than beliefs. Below, an agent with two states randomises between two actions, more so the
-# less certain it is. An aware observer who sets the states itself compares sensors by the likelihood of the decisions: the
-# normalisers of its inverse filter. `best_probe` ranks sequences of states by Fisher information, before any decision is seen.
+# Decisions contain less information than beliefs. Below, an agent with two states randomises between two actions; the less
+# certain it is, the nearer are their probabilities to ½. An aware observer who sets the states itself compares sensors by the
+# likelihood of the decisions, the product of the normalisers of its inverse filter. `best_probe` ranks sequences of states by
+# Fisher information, before any decision is seen.
 
 two = HiddenMarkovModel(
     [[0.8, 0.2], [0.3, 0.7]], CategoricalEmission([[0.8, 0.2], [0.2, 0.8]])
@@ -89,8 +91,8 @@ ranking = best_probe(
 print(ranking)
 
 # %%
-# Mixing hides the sensor, too: the less the decision depends on the belief, the flatter is the likelihood of the sensor. Where it is
-# flat the sensor is not *identified*: the status says so, and the interval reaches the bound.
+# Randomisation hides the sensor, too: the less the decision depends on the belief, the flatter is the likelihood of the sensor.
+# Where it is flat the sensor is not *identified*: the status says so, and the interval reaches the bound of the parameter.
 
 
 def decisions(
@@ -123,8 +125,9 @@ with drawing(6.4, 3.4) as (figure, axes):
     figure.savefig("sensor.png")
 
 # %%
-# In a linear Gaussian world the observer runs a Kalman filter on the agent's Kalman filter: `inverse_kalman_filter`. `inscrutable
-# compare` has a column *error, sensor*: the error of the sensor estimated from a hundred decisions of each rule, taken at face value.
+# In a linear Gaussian world the observer runs a Kalman filter on the agent's Kalman filter: `inverse_kalman_filter`. The column
+# *error, sensor* of `inscrutable compare` is the error of the sensor estimated from a hundred decisions of each rule, taken at
+# face value.
 #
 # Sources: Mattila, Rojas, Krishnamurthy and Wahlberg (NeurIPS 2017, and arXiv 2001.11809); Krishnamurthy and Rangaswamy (arXiv
 # 1905.07230).

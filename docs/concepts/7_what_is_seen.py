@@ -2,8 +2,9 @@
 What is seen, and when
 ======================
 
-So far every observer saw each decision exactly and at once. Real ones read a quarterly filing 45 days late, weights in round
-per cent, or a fund's value. A *disclosure* is the part of a decision that is shown, and when. It is data, composed with ``|`` from left to right:
+So far every observer saw each decision exactly and at once. Real observers read a quarterly filing 45 days late, weights in
+whole per cent, or a fund's value. A *disclosure* defines which part of a decision is shown, and when. Disclosures are data,
+composed with ``|`` from left to right:
 
 .. code-block:: text
 
@@ -13,8 +14,8 @@ per cent, or a fund's value. A *disclosure* is the part of a decision that is sh
    long_only()          no short positions         portfolio_return()   what the decision earns
    only(places)         some coordinates           bus_prices(problem)  prices at a network's buses
 
-A disclosure of single decisions is a garbling: it merges columns of K(u | π). A schedule leaves out updates: the observer's law moves
-by prediction alone until the next decision is shown.
+A disclosure of single decisions is a garbling: it merges columns of K(u | π). A schedule skips updates: the observer's law
+moves by prediction alone until the next decision is shown.
 """
 
 import numpy as np
@@ -45,7 +46,7 @@ print(shown.summary())
 print(shown(played.actions[:6]).round(2))
 
 # %%
-# A single decision leaks less where more decisions look alike:
+# Rounding makes decisions look alike, so that a single one leaks less:
 
 for disclosure in (None, rounded(1), rounded(0)):
     found = leakage(played, chain.prior, disclosure=disclosure)
@@ -54,8 +55,8 @@ for disclosure in (None, rounded(1), rounded(0)):
     )
 
 # %%
-# Monthly or quarterly, and how late? The error about the *present* belief falls when a decision is shown, by less for an older
-# decision, and then grows until the next one. `inscrutable disclose` draws this for your own market.
+# How often and how late should decisions be shown? The error about the *present* belief falls when a decision is shown, by less
+# if that decision is older, and then grows until the next one. `inscrutable disclose` draws this for your own market.
 
 asked = ["exact", "delayed(2)", "every(3)", form_13f()]
 table = under_disclosures(chain, played, asked, 19, rng=np.random.default_rng(0))
@@ -78,21 +79,22 @@ with drawing(7.0, 3.0) as (figure, axes):
 print(table.lines())
 
 # %%
-# **Less shown never leaks more**, for a fixed mechanism and the present belief: an observer whose data are a function of
-# another observer's data cannot err less. So exact leaks at least as much as at_least(0.01), which leaks at least as much as
-# at_least(0.05); every(2) as much as every(4); delayed(d) as much as delayed(d + 1). There is no order between rounded(1) and
-# rounded(2), between every(3) and every(2), and for bits about all beliefs so far.
+# **Less shown never leaks more**, for a fixed mechanism: an observer whose data are a function of another observer's data
+# cannot err less about the present belief. So the leakage of exact is at least that of at_least(0.01), which is at least that
+# of at_least(0.05). The same holds for every(2) and every(4), and for delayed(d) and delayed(d + 1). There is no order between
+# rounded(1) and rounded(2), nor between every(3) and every(2).
 #
-# On a belief that flips between two states with probability p, a decision d steps old leaves a guess that errs with probability
-# (1 − (1 − 2p)^d)/2.
+# If the belief flips between two states with probability p, a guess from a decision d steps old is wrong with probability (1 −
+# (1 − 2p)^d)/2.
 #
 # How long does a masked basket stay masked?
 # -------------------------------------------
 #
-# Some funds publish a basket every day that is *almost* theirs. If the mask is drawn afresh each day, an observer averages it away:
-# the standard error of a weight is σ/√n after n days. A mask that is kept does not average out. A fund's value also reveals its weights:
-# with U assets of known returns, U − 1 days determine the weights of a fund that is rebalanced to the same weights every day
-# (`infer_weights`), up to the error of the published values. The study `studies/masked_basket.toml` measures all three.
+# Some funds publish every day a basket that differs from their holdings by random noise, a *mask*. If the mask is drawn afresh
+# each day, an observer averages it: the standard error of a weight is σ/√n after n days, with σ that of one day. A mask that is
+# kept does not average out. A fund's value also reveals its weights: with U assets of known returns, U − 1 days determine the
+# weights of a fund that is rebalanced to the same weights every day (`infer_weights`), up to the error of the published values.
+# The study `studies/masked_basket.toml` measures all three.
 
 from tempfile import TemporaryDirectory
 

@@ -2,8 +2,8 @@
 What is it worth to the rival?
 ==============================
 
-A *rival* is an observer who gains by knowing the belief: by a trade, by a wager, or by naming the state. Its *loss* L(p) under its law p of the
-belief is the Bayes risk of its own decision problem:
+A *rival* is an observer who gains by knowing the belief: by a trade, by a wager, or by naming the state. Let p be its law of
+the belief. Its *loss* L(p) is the Bayes risk of its own decision problem:
 
 .. code-block:: text
 
@@ -11,9 +11,13 @@ belief is the Bayes risk of its own decision problem:
    worth of the secret     L(prior) − E L(the belief is known)
    worth of reading   W =  L(prior) − E L(p_u),   p_u the law after the decision u
 
-`SquaredError()` is the mean square error of its best estimate, the default everywhere; `NamingError()` is the probability that it names the
-wrong state; `RivalProblem(problem)` is the cost of its own decision problem on the same states, in its own unit. Reading is worth
-nothing where decisions reveal nothing, and never more than the secret.
+Three such losses are:
+
+- `SquaredError()`, the default: the mean square error of its best estimate;
+- `NamingError()`: the probability that it names the wrong state;
+- `RivalProblem(problem)`: the cost of its own decision problem on the same states, in its own unit.
+
+Reading is worth nothing where decisions reveal nothing, and at most as much as the secret.
 """
 
 import numpy as np
@@ -50,8 +54,8 @@ for name, loss in rivals.items():
     print(f"{name:22s}the secret is worth {told.secret_worth:.4f} ({loss.unit})")
 
 # %%
-# An agent that knows the rival's problem can hide what matters to it. `StackelbergDecisionMaker(..., loss=)` maximises the rival's loss
-# at an expected regret; below, for each rival, the worth of reading that remains.
+# An agent that knows the rival's problem can hide what the rival gains from. `StackelbergDecisionMaker(..., loss=)` maximises
+# the rival's loss at an expected regret. The figure shows the worth of reading that remains to each rival.
 
 silence = leakage(optimal, prior, problem).silence_regret
 shares = np.linspace(0.0, 1.0, 6)
@@ -77,18 +81,18 @@ with drawing(7.4, 3.2) as (figure, axes):
     figure.savefig("worth.png")
 
 # %%
-# **Copying cannot be prevented.** A rival with the agent's own problem sees the decision in time and can play it, at the agent's cost.
-# So, with r₀ the silence regret, which is the value of the information in the belief to both,
+# **Copying cannot be prevented.** A rival with the agent's own problem who sees the decision in time can play it, at the
+# agent's cost. Let r₀ be the silence regret, which is the value of information to both. Then
 #
 # .. code-block:: text
 #
-#    W ≥ r₀ − E ρ:    share given up + share taken ≥ 1,
+#    W ≥ r₀ − E ρ,    so    E ρ/r₀ + W/r₀ ≥ 1,
 #
-# with equality where every decision is optimal for the posterior mean after it. No rule lies below the dotted line for that rival.
-# The rule above, whose budget holds at every belief, lies on it at small regrets and above it at larger ones. There is no such
-# line for a rival with another problem: at small regrets, hiding from the rivals who wager or name costs less. Hiding protects
-# a view from a rival with other assets or limits, from one who wagers on the regime, from a later one, and from one who
-# predicts the next decision; not from one who trades the same at the same moment.
+# with equality where every decision is optimal for the posterior mean after it. No rule lies below the dotted line for that
+# rival. The rule above, whose budget holds at every belief, lies on it at small regrets and above it at larger ones. There is
+# no such line for a rival with another problem: at small regrets, hiding from the rivals who wager or name costs less. Hiding
+# protects against a rival with other assets or limits, one who wagers on the regime, one who trades later, and one who predicts
+# the next decision. It does not protect against one who makes the same trade at the same moment.
 #
 # `inscrutable compare --rival FILE` prints the worth of every rule's decisions and draws this picture for all of them;
 # `inscrutable backtest` states in basis points the worth of the weights to a rival with the investor's own problem.

@@ -2,14 +2,14 @@
 When others learn from my decision
 ==================================
 
-So far the observer only inferred. In social learning it decides next. A state is drawn once; agent *n* has a signal of its own
-and has seen the decisions of agents 1 … *n* − 1. Everybody knows the prior, the sensor and the rule K(u | π) of each agent, so that
-a decision moves the *public belief* q by Bayes' rule::
+So far the observer only inferred. In social learning each observer then decides. A state is drawn once; agent *n* has a signal
+of its own and has seen the decisions of agents 1 … *n* − 1. Everybody knows the prior, the sensor and the rule K(u | π) of each
+agent, so that a decision moves the *public belief* q by Bayes' rule::
 
     π_n ∝ q_{n−1}(x) p(y_n | x),    q_n ∝ q_{n−1}(x) Σ_y p(y | x) K(u_n | π(q_{n−1}, y)).
 
-A *cascade* is a public belief at which every signal leads to the same law of the decision: from then on nobody learns anything
-from anybody. It is a right one if the likeliest decision is the best in the true state.
+A *cascade* is a public belief at which every signal leads to the same law of the decision: from then on decisions reveal
+nothing. It is right if the likeliest decision is the best in the true state, else wrong.
 """
 
 import numpy as np
@@ -33,17 +33,18 @@ print(plain)
 print(f"closed form: {p * (p + 1) / 2 / (1 - p + p**2):.6f}")
 
 # %%
-# All agents are rational, and still one cascade in four is wrong: two equal decisions outweigh one signal. The figures are exact
-# where few public beliefs can be reached, here five; the status says so. Each agent's leakage is the information in its decision about its
-# private belief, for those who saw the ones before: everything at first, nothing in a cascade.
+# All agents are rational, and still one cascade in four is wrong, because two equal decisions outweigh one signal. The figures
+# are exact where few public beliefs can be reached, here five; the status says so. The leakage of each agent is what its
+# decision tells about its private belief to those who saw all earlier decisions: all of it at first, nothing in a cascade.
 
 print(plain.frame().head(6).round(4))
 
 # %%
 # Hiding delays cascades and changes their probabilities. With ε-randomised response k = ⌊α/α_ε⌋ + 1 equal decisions start a
-# cascade, where α is the log-odds of a signal and α_ε that of a decision. As ε grows, and privacy falls, k falls
-# by one at some values; there the share of right cascades falls too. A rule whose law changes with every change of the belief, such as the exponential mechanism, has no cascades:
-# each decision reveals a little, and in the long run the public learns more than from decisions that hide nothing.
+# cascade, where α is the log-odds of a signal and α_ε that of a decision. As ε grows, and privacy falls, k falls by one at some
+# values; there the share of right cascades falls too. The exponential mechanism has no cascades, because its law changes with
+# every change of the belief. Each decision reveals a little, and in the long run the public learns more than from decisions
+# that hide nothing.
 
 epsilons = np.linspace(0.4, 2.5, 211)
 responses = [
@@ -86,8 +87,8 @@ with drawing(7.0, 3.0, ncols=2) as (figure, (left, right)):
     figure.savefig("herding.png")
 
 # %%
-# Signals of unbounded strength end every herd: some agent sees enough to leave it. No cascade begins, so that `right` and `wrong`
-# count majorities of the decisions on simulated paths.
+# Signals of unbounded strength end every herd: some agent's signal outweighs the public belief. No cascade begins, so that
+# `right` and `wrong` count majorities of the decisions on simulated paths.
 
 for n_agents in (10, 100):
     paths = social_learning(
@@ -100,5 +101,5 @@ for n_agents in (10, 100):
 print(paths.status.value)
 
 # %%
-# `herding_table` states the cost of a rule to the agent itself and to the others; the example on the price of privacy for the
-# others compares four rules at one price.
+# `herding_table` states the cost of a rule to the agent itself and to the others. The example on the price of privacy for the
+# others compares four rules.

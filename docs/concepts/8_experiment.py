@@ -2,8 +2,8 @@
 Experiment
 ==========
 
-A *study* is a grid, worlds × problems × budgets × decision makers × observers × repeats, written
-down as plain data; a list means each of its elements in turn.
+A *study* is a grid: worlds × problems × budgets × decision makers × observers × repeats. It is described by plain data; a list
+stands for each of its elements in turn.
 """
 
 from tempfile import TemporaryDirectory
@@ -29,8 +29,8 @@ columns = ["decision_maker", "budget", "adversary", "error", "prior_error"]
 print(rows[columns].round(3).to_string(index=False))
 
 # %%
-# The unit of the budget is the *silence regret*, the expected regret of the best constant decision (the value of information). The error
-# is that of the observer's estimate; above the dotted line it is larger than without any decision.
+# The unit of the budget is the *silence regret*, the expected regret of the best constant decision (the value of information).
+# The figure shows the error of the observer's estimate. Above the dotted line the observer errs more than without any decision.
 
 with drawing(6.8, 2.7, ncols=2, sharey=True) as (figure, panels):
     for axes, (observer, part) in zip(
@@ -60,7 +60,7 @@ with drawing(6.8, 2.7, ncols=2, sharey=True) as (figure, panels):
 
 # %%
 # ``inscrutable study run FILE --out DIR --jobs -1`` does the same from a TOML file, on all cores or a Dask cluster. Rows go to
-# one SQLite file; a study that was stopped or killed goes on with ``inscrutable study resume DIR``.
+# one SQLite file; ``inscrutable study resume DIR`` continues a study that was stopped or killed.
 #
 # ``inscrutable backtest`` is an experiment with one investor on real returns, ``inscrutable compare`` one with all rules and
 # observers, and ``inscrutable reproduce`` the paper's numerical section.

@@ -2,8 +2,8 @@
 Report
 ======
 
-Every picture of the library is a function of ``inscrutable.reports`` that draws on an axis it is given; every result prints a
-summary and goes to disk and back. Colours can be distinguished by colour-blind readers, and each decision maker keeps its marker.
+Every picture of the library is drawn by a function of ``inscrutable.reports`` on axes that you pass. Every result prints a
+summary, and can be saved and loaded. Colour-blind readers can distinguish the colours, and each decision maker has one marker.
 """
 
 from pathlib import Path
@@ -72,7 +72,7 @@ with drawing(7.0, 3.3, ncols=2) as (figure, (left, right)):
     figure.savefig("report.png")
 
 # %%
-# A result states its status and bounds, and saves them to disk.
+# A result states its status and bounds. They are saved and loaded with it.
 
 decision = makers["CDM"].decide(beliefs[-1])
 with TemporaryDirectory() as folder:
@@ -80,5 +80,6 @@ with TemporaryDirectory() as folder:
     print(Decision.load(Path(folder, "decision.npz")).summary())
 
 # %%
-# ``inscrutable backtest`` and ``inscrutable compare`` write their figures as PNG and SVG, their tables as CSV, and with the extra
-# ``inscrutable[report]`` the page ``report.html``: it works offline, with a slider over time and one over the budget.
+# ``inscrutable backtest`` and ``inscrutable compare`` write their figures as PNG and SVG and their tables as CSV. With the
+# extra ``inscrutable[report]`` they also write the page ``report.html``, which works offline and has a slider over time and one
+# over the budget.

@@ -1,7 +1,7 @@
 """A fund with a long and short book
 =================================
 
-A fund may be short within a gross limit, and has sector caps. What does its book say, and which book says less?
+A fund may be short within a gross limit, and has sector caps. What does its book reveal, and which book reveals less?
 
 Writes capped_long_short.png into the current folder.
 """

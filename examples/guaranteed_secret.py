@@ -2,7 +2,7 @@
 A secret with guarantees
 ========================
 
-One of three equally likely secrets decides what is best; any other answer costs 1. What does it cost to promise that no
+Each of three equally likely secrets has one best answer; any other answer costs 1. What does it cost to promise that no
 published answer makes a guess at the secret more than e^ε times as likely to be right?
 
 Writes guaranteed_secret.png into the current folder.
@@ -26,7 +26,7 @@ for limit in (0.0, 0.3, 0.5, 1.0):
     found = least_regret(problem, prior, [PointwiseLeakageCap(nats=limit)])
     print(f"ε = {limit:.1f}: regret {found.regret:.3f}, {found.prices[0]:.3f} less per nat")
 
-# Several at once: each has its price, and one that costs nothing comes with the others.
+# Several guarantees at once: each has a price, which is 0 for a guarantee that does not bind.
 both = [PointwiseLeakageCap(nats=0.5), NamingErrorFloor(0.5)]
 print(least_regret(problem, prior, both))
 print(least_regret(problem, prior, [*both, Budget.regret(0.2)]))

@@ -3,7 +3,7 @@ The price of privacy for the others
 ===================================
 
 People decide in turn whether to buy. Each has a signal of its own, which is right with probability 0.7, and sees what
-those before decided. A decision shows the signal behind it, unless it is hidden. What does hiding cost the one who hides,
+those before decided. A decision reveals the signal behind it, unless it is hidden. What does hiding cost the one who hides,
 and what does it cost the others?
 
 All rules cost the first agent the same expected regret, 0.1. Writes herding.png into the current folder.
@@ -42,14 +42,14 @@ rules = {
 }
 table = herding_table(problem, sensor, rules, n_agents=n_agents, rng=np.random.default_rng(0))
 
-# A lottery of the PDM takes some milliseconds: fewer paths.
+# The PDM takes some milliseconds for each lottery: this run has fewer paths.
 lotteries = ProbabilisticDecisionMaker(problem, budget=budget)
 found = social_learning(problem, sensor, lotteries, n_agents=n_agents, rng=np.random.default_rng(0), n_paths=60)
 table = HerdingTable((*table.names, "PDM"), (*table.found, found))
 print(table)
 
-# Only the first agent hides. Otherwise a second one with the opposite signal tosses a coin; now it follows its own signal,
-# which says more to those after it.
+# Only the first agent hides. Without that, a second agent with the opposite signal tosses a coin. Now it follows its own
+# signal, which informs the later agents better.
 alone = social_learning(
     problem, sensor, [rules["randomised response"], *[rules["ODM"]] * (n_agents - 1)], n_agents=n_agents
 )

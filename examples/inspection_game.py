@@ -21,7 +21,7 @@ from inscrutable.reports.style import drawing
 
 faults = ("none", "leak", "theft")
 routines = ("skip", "meter", "walk", "audit", "full search")
-# Costs of each routine where the fault of the row is there: work, and what is not found.
+# Cost of each routine (column) under each fault (row): work, and faults that are not found.
 problem = FiniteProblem([[0.0, 1.0, 2.0, 3.0, 5.0], [8.0, 2.5, 3.0, 6.0, 5.0], [9.0, 8.0, 4.5, 3.2, 5.0]])
 
 belief = np.array([0.2, 0.7, 0.1])

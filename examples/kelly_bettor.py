@@ -1,7 +1,8 @@
 """A bettor and her stakes
 =======================
 
-The stakes of a bettor reveal her belief: the best stakes are the belief itself, and other stakes cost their divergence from it.
+The stakes of a bettor reveal her belief: the best stakes are the belief itself, and other stakes cost the divergence of the
+belief from them.
 
 Writes kelly_bettor.png into the current folder.
 """

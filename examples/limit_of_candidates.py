@@ -1,7 +1,8 @@
 """The limit of many samples
 =========================
 
-The paper samples M actions and lets M grow. Which privacy does that reach, and how fast, for actions and for decoys?
+The paper samples M actions and lets M grow. Which privacy does this approach, and how fast, for samples of actions and of
+decoys?
 
 Writes limit_of_candidates.png into the current folder.
 """

@@ -1,10 +1,10 @@
 """Alphas of 500 names
 ===================
 
-Take a long and short book of 500 names with 20 factors. What do its weights say, and what does hiding half of it cost?
+Take a long and short book of 500 names with 20 factors. What do its weights reveal, and what does hiding half of it cost?
 
 A desk's private view is no belief over regimes but a vector of expected returns, its alphas. Without constraints the weights
-are V⁻¹m/(2γ): whoever knows the risk reads every alpha off them.
+are V⁻¹m/(2γ): whoever knows V and γ computes every alpha from them.
 
 Writes long_short_alphas.png into the current folder.
 """
@@ -24,14 +24,14 @@ risk = FactorRisk(exposures, 0.02**2 * np.eye(k), specific)
 dollar_neutral = Polyhedron(A_eq=np.ones((1, n)), b_eq=[0.0])
 problem = AlphaProblem(risk, risk_aversion=20.0, constraints=dollar_neutral)
 
-# The public law of the alphas: they are small, and lie a little along the factors.
+# The public law of the alphas: they are small, and have a small component along the factors.
 law = FactorRisk(exposures, 0.002**2 * np.eye(k), 0.03**2 * specific)
 alphas = law.root @ rng.standard_normal(k) + np.sqrt(law.specific) * rng.standard_normal(n)
 
 # %%
-# What the weights say
-# --------------------
-# A common shift of all alphas is left open by the dollar-neutral row; the rest is revealed exactly.
+# What the weights reveal
+# -----------------------
+# The dollar-neutral constraint leaves a common shift of all alphas undetermined; the weights reveal the rest exactly.
 book = problem.optimum(alphas)
 read = 2.0 * problem.risk_aversion * risk.times(book)
 print(
@@ -42,8 +42,9 @@ print(
 # %%
 # What hiding costs
 # -----------------
-# Directions that cost less to hide than a common level are hidden whole; of each dearer one just enough is revealed to bring it
-# down to the level. Here the factors pay most for their risk: they are revealed first.
+# The rule is reverse water-filling. It hides completely the directions that cost less to hide than a common level. Of each
+# other direction it reveals just enough to lower its cost to that level. Here the factors pay most for their risk: they are
+# revealed first.
 points = 1e4
 for share in (0.1, 0.25, 0.5, 0.75):
     maker = AlphaDecisionMaker(problem, share, prior_covariance=law)
@@ -54,9 +55,10 @@ for share in (0.1, 0.25, 0.5, 0.75):
     )
 
 # %%
-# What is given up is what is not taken
-# -------------------------------------
-# A rival with the same problem who copies the published book at the same moment takes the rest of its worth, not less.
+# What a copier gains
+# -------------------
+# A rival with the same problem who copies the published book at the same moment gains the part of the alphas' worth that the
+# desk does not give up.
 maker = AlphaDecisionMaker(problem, 0.5, prior_covariance=law)
 drawn = maker.decide(alphas, rng=rng)
 constant = problem.optimum(np.zeros(n))
@@ -67,11 +69,11 @@ print(
 )
 
 # %%
-# Alphas that last
-# ----------------
-# Twenty factor views, drawn afresh every month or fading by a tenth a month. An observer of the fading ones who remembers
-# all books knows most of a view before the next one, so that a book adds less information. (The desk estimates them
-# from a noisy signal, and silence costs less: its own estimates vary less than the views.)
+# Persistent alphas
+# -----------------
+# Twenty factor views are drawn afresh every month, or decay by a tenth a month. An observer of the decaying ones who remembers
+# all books knows most of a view before the next book, which therefore adds less information. (The desk estimates them from a
+# noisy signal. Its estimates vary less than the views, so that silence costs less.)
 views = AlphaProblem(risk, 20.0, loadings=exposures)
 fading = LinearGaussianWorld(0.9 * np.eye(k), 0.19 * 0.002**2 * np.eye(k), np.eye(k), 0.001**2 * np.eye(k))
 for given in ({"prior_covariance": 0.002**2 * np.eye(k)}, {"world": fading}):

@@ -1,7 +1,7 @@
 """An investor over three regimes
 ==============================
 
-An investor holds a belief over three market regimes. What does its portfolio say, and what should it publish instead?
+An investor holds a belief over three market regimes. What does its portfolio reveal, and what should it publish instead?
 
 Writes three_regimes.png into the current folder.
 """

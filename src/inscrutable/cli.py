@@ -97,15 +97,15 @@ def reproduce(
 
     Args:
         markets: Random markets over which the claims are judged, at least 2.
-        simulations: Markets behind the mean trade-off and the number-of-samples study, at least 2.
+        simulations: Random markets for the mean trade-off and for the number-of-samples study, at least 2.
         steps: Steps of the market that is drawn in the figures, at least 2.
         budget: The paper's cost budget c_b, a share of |c*|.
-        resolution: Of the action grid and the decoy grid; 40 gives 861 samples.
+        resolution: Resolution of the action grid and the decoy grid; 40 gives 861 samples.
         jobs: Processes; -1 is one per core. Changes nothing but the time.
         seed: The same seed gives the same numbers.
         out: Folder for figures, claims.csv and summary.json; with the extra `inscrutable[report]` also report.html, one page
-            that works offline. The study behind them is kept in its folder "study": a run that was stopped goes on there
-            when the same command is given again.
+            that works offline. Its folder "study" holds the study behind them: the same command continues a run that was
+            stopped.
     """
     from inscrutable.experiments.reproduction import ReproductionSettings, reproduce
     from inscrutable.reports.reproduction import claims_table, verdict, write_reproduction
@@ -162,41 +162,41 @@ def backtest(
     """Backtest a regime-switching investor on real returns, and what observers read from its published weights.
 
     Without a data option: the 12 US industries that come with the package, monthly, 1949 to 2017. With `--alphas` the private
-    belief is expected returns instead, hidden from the aware observer, who knows the rule.
+    belief is a vector of expected returns, hidden from the aware observer, who knows the rule.
 
     Args:
         returns: CSV of simple returns as fractions: dates in the first column, one column per asset.
         prices: CSV of prices, the same layout.
         daily: Daily returns of 20 US stocks, 1990 to 2022 (needs the extra `inscrutable[data]`).
-        beliefs: CSV of your own beliefs about the row after each date, instead of the filter's: dates, then one column
-            per regime, named calm and turbulent for two regimes, calm, normal and turbulent for three.
-        regime_names: For `--beliefs` with other column names: these names, by rising volatility, such as bull,bear.
+        beliefs: CSV of your own beliefs, each about the row after its date, instead of the filter's: dates, then one column per
+            regime, named calm and turbulent for two regimes, calm, normal and turbulent for three.
+        regime_names: With `--beliefs`: the names of its columns if they are others, by rising volatility, such as bull,bear.
         train_until: Last date of the training sample, such as 1989-12. Default: 1989-12 for the 12 industries, the
             middle of other data.
         public: What the observer sees besides the weights: none, market, all, the name of a column of the returns, or a CSV of
-            dates and one column of numbers, which the investor then uses as well. The market is that of the 12 industries, of
-            other data the mean of the assets.
+            dates and one column of numbers, which the investor then uses as well. The market is that of the 12 industries; for
+            other data it is the mean of the assets.
         private: CSV of your own private signal: dates, then its likelihood in each regime, columns named as for `--beliefs`. A
             date without a row has no signal.
         riskless: CSV of dates and one column: the riskless return of each row, as a fraction, for Sharpe ratios of excess
             returns.
-        rival: TOML file whose [problem] is a rival's decision problem, for the worth of beliefs and weights; default: the
+        rival: TOML file whose [problem] is a rival's decision problem, for the worth of beliefs and weights to it. Default: the
             investor's own problem.
-        model: A model.toml of your own: risk aversion, budget, limits on weights, and optionally regimes, which are then not
-            fitted.
+        model: A model.toml of your own: risk aversion, budget, limits on weights, and optionally regimes, which replace the
+            fitted ones.
         regimes: Number of regimes fitted to the training sample. Default: 3.
         covariance: Estimator of their covariances: sample, ledoit-wolf (shrunk) or factor:K. Default: sample where there
             are ten rows per regime and asset, else ledoit-wolf.
-        risk_aversion: gamma in gamma u'Su - m'u, without a half. Default: 5.
+        risk_aversion: γ in the cost γ u'Σu − μ'u, without a half. Default: 5.
         cost_bps: Cost per unit traded, in basis points. Default: 10.
         limits: Limits on the weights.
-        budget: The regret allowed for privacy: a share of |c*| such as 0.1 or 10%, a regret such as 5bp or regret:0.002 in the
-            cost's unit, or silence:0.5, half the silence regret. Default: 0.1 for CDM and PDM, half the silence regret for the
-            sequential rule (SDM). With `--alphas` a share is one of the silence regret, 0.5 by default.
+        budget: The regret allowed for privacy: a share of |c*| such as 0.1 or 10%; 5bp or regret:0.002 in the cost's unit; or
+            silence:0.5, half the regret of the best constant decision (silence regret). Default: 0.1 for CDM and PDM,
+            silence:0.5 for the sequential rule (SDM). With `--alphas` a share is one of the silence regret, 0.5 by default.
         measure: The privacy measure.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
-        sequential: Include the sequential rule, whose prices take up to a minute to compute.
-        disclosure: What one more observer sees of the weights, how often and how late, in rows of the returns:
+        sequential: Include the sequential rule. Computing its prices takes up to a minute.
+        disclosure: Adds an observer to whom the weights are shown in part or late, in rows of the returns: such as
             "every(3)|delayed(2)", portfolio_return(), form_13f(0) where the first decision ends a quarter, as by default.
         seed: The same seed gives the same numbers.
         out: Folder for the table, the figures, the weights and model.json; with the extra `inscrutable[report]` also
@@ -380,30 +380,30 @@ def protect(
 ) -> None:
     """Compute what to publish instead, its cost, and what an observer then concludes.
 
-    Without `--state` one decision is protected against the naive observer. With `--state` decisions are a sequence, protected
-    against the aware observer, who knows the rule and remembers every decision. With `--alphas` the private belief is numbers,
-    such as expected returns, and the observer is the aware one.
-    Decisions that are no portfolios, such as a power plant's schedule or a choice among few, are protected from Python.
+    Without `--state` one decision is protected against the naive observer, who takes it for optimal. With `--state` decisions
+    are a sequence, protected against the aware observer, who knows the rule and remembers every decision. With `--alphas` the
+    private belief is a vector of numbers, such as expected returns, and the observer is the aware one. Decisions that are no
+    portfolios, such as a power plant's schedule or one of a few choices, are protected from Python.
 
     Args:
         model: The model.json of a backtest, or a model.toml of your own with regimes; for beliefs, not for `--alphas`.
-        belief: Your belief over the model's regimes, such as 0.2,0.3,0.5. It has no date: with `--publish`, once a period.
+        belief: Your belief over the model's regimes, such as 0.2,0.3,0.5. It has no date: use `--publish` once a period.
         beliefs: CSV of beliefs: dates, then one column per regime.
-        weights: CSV of planned weights; the belief behind them is inferred as an observer would.
-        budget: The regret allowed for privacy: a share of |c*| such as 0.1 or 10%, a regret such as 5bp or regret:0.002 in the
-            cost's unit, or silence:0.5, half the silence regret. Default: the model's; with `--state` that of its file, for a
-            new one silence:0.5. With `--alphas` a share is one of the silence regret, 0.5 by default.
+        weights: CSV of planned weights. The belief behind them is inferred as the naive observer infers it.
+        budget: The regret allowed for privacy: a share of |c*| such as 0.1 or 10%; 5bp or regret:0.002 in the cost's unit; or
+            silence:0.5, half the regret of the best constant decision (silence regret). Default: the model's; with `--state`
+            that of its file (new: silence:0.5). With `--alphas` a share is one of the silence regret, 0.5 by default.
         measure: The privacy measure.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
-        certify: Prove an upper bound of the privacy, to this relative gap, such as 0.01; for maximal and desired.
-        state: File of the decisions so far; created if missing, which takes a minute or more. Needs `--belief` or `--returns`,
-            or `--alphas` with one row. `--out` does not go with it: the file holds what was published.
+        certify: Prove an upper bound of the maximal or desired privacy, to this relative gap, such as 0.01.
+        state: File of the decisions so far. If it is missing, it is created, which takes a minute or more. Needs `--belief` or
+            `--returns`, or `--alphas` with one row. Not with `--out`: the file holds what was published.
         publish: With `--state`: draw this step's weights once and record them. Without it nothing is drawn.
         normalise: Accept planned weights in dollars or percentages, with blanks, cash and tickers in any case.
         map_: With `--normalise`: CSV with the columns name and asset.
-        previous: CSV of the weights published last, one row, where turnover is limited; one belief at a time.
+        previous: Where turnover is limited: CSV of the weights published last, one row. Takes one belief at a time.
         limits: Limits on the weights.
-        seed: Makes the draw repeatable. Without it the operating system draws, because the seed determines the draw.
+        seed: Makes the draw repeatable. Whoever knows the seed knows the draw; without a seed the operating system draws.
         out: Folder for the tables, summary.json and the figures; without it the results are only printed.
     """
     means.check(model=model, belief=belief, beliefs=beliefs, weights=weights, target=target, certify=certify, out=out)
@@ -511,7 +511,7 @@ def _show_protection(found: Protection, cautions: list[str]) -> None:
 def compile_(*, jobs: int = -1, speech: Speech = Speech()) -> None:  # noqa: B008  # frozen
     """Compile all numerical kernels now, so that no later command on this machine waits for it.
 
-    For container images or cluster nodes. Without it each kernel is compiled at first use, a minute or two in all.
+    For container images or cluster nodes. Otherwise each kernel is compiled at first use, which takes a minute or two in all.
 
     Args:
         jobs: Processes; -1 is one per core.

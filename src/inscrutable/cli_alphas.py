@@ -34,22 +34,22 @@ class AlphaOptions:
     """Options that go with `--alphas`.
 
     Args:
-        alphas: CSV of private means instead of a belief: dates, then one column per asset.
-        prior_covariance: With `--alphas`: CSV of the public covariance of the alphas, whose rows are then independent.
-        world: With `--alphas`: JSON of the public linear Gaussian world that moves them.
-        public: With a `--world` that has a public sensor: CSV of its reports with each row, one column per number.
+        alphas: CSV of private means, such as expected returns, instead of a belief: dates, then one column per asset.
+        prior_covariance: With `--alphas`: CSV of the public covariance of the alphas. Rows are then independent.
+        world: With `--alphas`: JSON of the public linear Gaussian world by which the alphas move.
+        public: With a `--world` that has a public sensor: CSV of its observations at each row, one column per number.
         covariance: With `--alphas`: CSV of the assets' covariance.
-        returns: CSV of returns, as for `backtest`, up to the last row known: the belief is that of the model's filter after it.
-            With `--alphas`: the assets' covariance is estimated from them.
-        factors: With `--returns`: number of principal factors of that covariance, besides specific variances. Default: the
-            sample covariance.
-        risk_aversion: With `--alphas`: γ in γ u'Vu − m'u.
-        loadings: With `--alphas`: CSV of the loadings of assets on signals: assets in the first column, one column per signal;
-            the alphas are then those of signals. Default: one signal per asset.
+        returns: CSV of returns, as for `backtest`, up to the last row known. The model's filter computes the belief from them.
+            With `--alphas` they give an estimate of the assets' covariance.
+        factors: With `--alphas` and `--returns`: number of principal factors of that covariance, besides specific variances.
+            Default: the sample covariance.
+        risk_aversion: With `--alphas`: γ in the cost γ u'Vu − m'u, without a half.
+        loadings: With `--alphas`: CSV of the loadings of assets on signals: assets in the first column, one column per signal.
+            The alphas are then those of the signals. Default: one signal per asset.
         held: With `--alphas`: what may be held: anything; invested: weights that sum to one; long-only: these, none below zero.
         cap: With `--alphas`: largest weight.
-        trading_cost: With `--alphas`: κ; trading costs κ times the variance of the trade.
-        objective: With `--alphas`: leak the fewest bits, or leave the observer the largest mean square error.
+        trading_cost: With `--alphas`: κ. A trade costs κ times its variance.
+        objective: With `--alphas`: minimise the leakage in bits, or maximise the observer's mean square error.
     """
 
     alphas: Annotated[Path | None, Parameter(group=DATA)] = None
@@ -154,12 +154,12 @@ class SignalOptions:
     """Private means instead of regimes in a backtest.
 
     Args:
-        alphas: Private expected returns instead of regimes: "momentum", or a CSV of your own about the row after each date:
-            dates, then one column per asset.
-        prior_covariance: With `--alphas`: CSV of their public covariance; rows are then independent.
-        world: With `--alphas`: JSON of the public linear Gaussian world that moves them. Default: a law that is estimated
-            from the alphas before the first decision.
-        objective: With `--alphas`: leak the fewest bits, or leave the observer the largest mean square error.
+        alphas: Private expected returns instead of regimes: "momentum", or a CSV of your own: dates, then one column per asset.
+            A row is about the period after its date.
+        prior_covariance: With `--alphas`: CSV of their public covariance. Rows are then independent.
+        world: With `--alphas`: JSON of the public linear Gaussian world by which they move. Default: a law estimated from the
+            alphas before the first decision.
+        objective: With `--alphas`: minimise the leakage in bits, or maximise the observer's mean square error.
     """
 
     alphas: Annotated[str | None, Parameter(group=DATA)] = None

@@ -39,22 +39,23 @@ def attack(
 ) -> None:
     """Find the beliefs that explain published weights.
 
-    Rounded weights are read as rounded: the digits in the file are counted. With `--mechanism` the command also shows what the
-    aware observer, who knows the rule, concludes from all rows so far; rows are one step of the model apart.
+    The command counts the digits in the file and takes the weights as rounded to them. With `--mechanism` it also shows what
+    the aware observer, who knows the rule, concludes from all rows so far. Rows are one step of the model apart.
 
     Args:
         model: The model.json of a backtest, or a model.toml of your own with regimes.
         weights: CSV with one column per asset and one row per portfolio; a first column may hold dates or labels.
-        beliefs: CSV of the beliefs behind dated weights, one column per regime, by the same dates: are they hidden?
-        digits: Digits after the point that the weights were rounded to. Default: as written.
+        beliefs: CSV of the beliefs behind dated weights, by the same dates, one column per regime. The output then says whether
+            they were hidden.
+        digits: Decimals that the weights were rounded to. Default: as written.
         mechanism: The rule of the weights, known to the observer: optimal, cdm, pdm, or sequential.
         budget: With `--mechanism`: the rule's budget, as in protect; with `--state` as in its file. Default: the model's.
-        state: With `--mechanism sequential`: the file of protect's sequence, which has the rule's prices.
+        state: With `--mechanism sequential`: the state file of `protect`, which has the rule's prices.
         normalise: Accept holdings in dollars, shares and prices, or percentages, with blanks, cash and tickers in any case.
-        map_: With `--normalise`: CSV with the columns name, as in the file of holdings, and asset, blank for holdings to leave
-            out.
-        previous: CSV of the weights published before the first row, one row, where turnover is limited.
-        regret: Find the beliefs under which the weights cost at most this more than the best ones, such as 5bp.
+        map_: With `--normalise`: CSV with the columns name (as in the file of holdings) and asset (blank for holdings to leave
+            out).
+        previous: Where turnover is limited: CSV of the weights published before the first row, one row.
+        regret: Find the beliefs under which the weights cost at most this much more than the best ones, such as 5bp.
         limits: Limits on the weights.
         out: Folder for attack.csv, summary.json and the figures; without it the results are only printed.
     """

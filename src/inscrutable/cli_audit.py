@@ -25,16 +25,18 @@ def audit(
 ) -> None:
     """Test whether published decisions depend on secrets, and how much they leak at least, from two files and no model.
 
-    Learners are fitted to past pairs, forward in time (nearest neighbours, ridge regression, a tree; needs the extra
-    `inscrutable[audit]`). A negative result does not prove that nothing leaks: the output states the size of a leak that the
-    test finds with a power of about 80 %.
+    Learners (nearest neighbours, ridge regression, a tree) are trained on past pairs and tested on later ones; they need the
+    extra `inscrutable[audit]`. A negative result does not prove that nothing leaks: the output states the size of a leak that
+    the test finds with a power of about 80 %.
 
     Args:
         secrets: CSV of what should stay private, such as signals: dates or labels in the first column, then numbers or classes.
         published: CSV of decisions, such as weights: the same layout. Rows are joined by their dates or labels.
-        lags: Rows from a secret to its decision, such as 0,1,2: 1 is a decision one row later, counting the rows of both files.
+        lags: Rows from a secret to its decision, such as 0,1,2: at lag 1 the decision is one row later. The rows of both files
+            count.
         embargo: Rows left out between training and test rows. Default: the length over which the secret is autocorrelated.
-        kind: Whether all secrets are classes or numbers. Default: words, and whole numbers of at most ten values, are classes.
+        kind: Whether all secrets are classes or numbers. Default: words are classes, and so are whole numbers of at most ten
+            values.
         seed: The same seed gives the same numbers.
         out: Folder for the tables, summary.json and the figure; without it the results are only printed.
     """

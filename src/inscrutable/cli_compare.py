@@ -31,7 +31,7 @@ def compare(
 ) -> None:
     """Compare decision rules against the naive observer and the aware one, who knows the rule.
 
-    The table also has an observer over time, and one who learns the risk aversion first.
+    The table also has an observer who follows all decisions over time, and one who first learns the risk aversion.
 
     Every rule spends the same expected regret. Example: inscrutable compare --market demo/model.json --budgets 0.05,0.1
 
@@ -39,21 +39,23 @@ def compare(
         market: paper (a random market with equally likely beliefs that last as long as regimes), returns (the 12 embedded US
             industries with the law of their investor's belief), the model.json of a backtest, or a model.toml of your own with
             regimes.
-        resolution: Beliefs are multiples of 1/resolution, one step of the regimes ahead; 30 gives up to 496 for three regimes.
-        rival: TOML file whose [problem] is a rival's decision problem: adds its worth of the belief and of decisions.
-        budgets: Expected regrets, ascending: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
-            regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
+        resolution: Beliefs are multiples of 1/resolution, predicted one step ahead; 30 gives up to 496 for three regimes.
+        rival: TOML file whose [problem] is a rival's decision problem; adds the worth of the belief and of decisions to that
+            rival.
+        budgets: Expected regrets, ascending: 0.05,0.1 are shares of |c*|, the size of the optimal cost; silence:0.25,0.5,1 are
+            shares of the silence regret, which is that of the best constant decision; regret:0.001,0.002 are in the cost's
+            unit.
         makers: The decision makers to compare, by the table's names, such as CDM,PDM,rate-distortion. Default: all.
         pairs: Adds an observer who has seen only this many pairs of belief and decision, such as 100,1000.
         disclosure: What observers see of decisions, how often and how late, such as "every(3)|delayed(2)" or form_13f();
-            `inscrutable disclose` compares such schedules. The sequential rule takes it into account; delayed and partial
+            `inscrutable disclose` compares such schedules. The sequential rule takes it into account. Delayed and partial
             trading are then left out.
         limits: Limits on the weights.
         jobs: Processes; -1 is one per core. Changes nothing but the time.
         seed: The same seed gives the same numbers.
         out: Folder for the table (CSV, Markdown), the figure and summary.json; with the extra `inscrutable[report]` also
-            report.html, one interactive page that works offline. The study behind them is kept in its folder "study": a
-            run that was stopped goes on there when the same command is given again.
+            report.html, one interactive page that works offline. Its folder "study" holds the study behind them: the same
+            command continues a run that was stopped.
     """
     unit, shares = budgets_of(budgets)
 

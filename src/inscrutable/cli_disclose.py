@@ -40,13 +40,13 @@ def disclose(
     Args:
         market: returns (the 12 US industries that come with the package, one step a month), paper (a random market), or the
             model.json of a backtest.
-        resolution: Beliefs are multiples of 1/resolution, one step of the regimes ahead.
-        disclosures: Schedules separated by semicolons, each a chain of every(n), delayed(steps), rounded(digits),
-            long_only(), at_least(weight), top(n), grouped([labels]), form_13f(), n_port(), joined by |. Default: nine
+        resolution: Beliefs are multiples of 1/resolution, predicted one step ahead.
+        disclosures: Schedules separated by semicolons. Each is a chain, joined by |, of every(n), delayed(steps),
+            rounded(digits), long_only(), at_least(weight), top(n), grouped([labels]), form_13f() and n_port(). Default: nine
             usual ones.
-        rule: The decision rule; all but ODM, the optimal decisions, spend half the silence regret. The sequential rule is
-            computed for each schedule, which takes a minute or two each: name few.
-        steps: Length of the paths; for the bits a step and the error only the second half counts.
+        rule: The decision rule. ODM takes the optimal decisions; all others spend half the silence regret. The sequential rule
+            is computed for each schedule, which takes a minute or two each: name few.
+        steps: Length of the paths. Only their second half counts for the bits a step and the error.
         draws: Sampled paths.
         seed: The same seed gives the same numbers.
         out: Folder for the table, the figure and summary.json.

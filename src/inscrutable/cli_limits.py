@@ -29,9 +29,10 @@ class WeightOptions:
     Args:
         max_weight: Largest weight of every asset, such as 0.25 or 25%.
         min_weight: Smallest weight of every asset.
-        sectors: CSV with the columns asset and sector; with `--sector-cap`.
+        sectors: CSV with the columns asset and sector, for `--sector-cap`.
         sector_cap: Largest sum of weights of every sector.
-        long_short: Gross exposure, the largest sum of long and short holdings, such as 1.6; without it nothing is short.
+        long_short: Gross exposure, the largest sum of long and short holdings, such as 1.6. Without it there are no short
+            holdings.
         turnover: Largest sum of purchases and sales against the last published weights.
     """
 

@@ -56,8 +56,8 @@ def run(
         out: Folder for the rows (study.sqlite) and manifest.json.
         jobs: Processes; -1 is one per core. Changes nothing but the time.
         cluster: Address of a Dask scheduler, such as tcp://10.0.0.1:8786 (needs the extra `inscrutable[dask]`).
-        limit: Do at most this many tasks now, spread over the grid; `study resume` does the others.
-        extension: A user-defined part that the file names, as module:name, importable here; may be given several times.
+        limit: Do at most this many tasks now, spread over the grid; `study resume` does the rest.
+        extension: A part of your own that the file names, as module:name, importable here. May be given several times.
     """
     from inscrutable.experiments.studies import Study, run_study
     from inscrutable.experiments.studies.study import tasks_text
@@ -85,11 +85,11 @@ def resume(
     """Continue a study that was stopped, killed or limited: only tasks without a row are done.
 
     Args:
-        folder: The folder that the study was run into.
+        folder: The study's folder.
         jobs: Processes; -1 is one per core.
         cluster: Address of a Dask scheduler.
         limit: Do at most this many tasks now.
-        retry: Do tasks that failed again.
+        retry: Also do the tasks that failed.
         extension: The extensions that the study was started with.
     """
     from inscrutable.experiments.studies import resume_study
@@ -112,7 +112,7 @@ def status(
     """Show how far a study is, also while it runs.
 
     Args:
-        folder: The folder that the study was run into.
+        folder: The study's folder.
     """
     from inscrutable.experiments.studies import Study
 
@@ -135,7 +135,7 @@ def export(
     """Write the rows of a study as a table, in the order of its grid.
 
     Args:
-        folder: The folder that the study was run into.
+        folder: The study's folder.
         to: The kind of file; Parquet needs pyarrow.
         out: The file. Default: rows.csv or rows.parquet in the study's folder.
         durations: Add the seconds that each task took. Without them the same study gives the same bytes.
@@ -167,7 +167,7 @@ def report(
     """Write the study, finished or not, as one HTML page that works offline (needs the extra `inscrutable[report]`).
 
     Args:
-        folder: The folder that the study was run into; or that of a reproduction or a comparison, which must be finished.
+        folder: The study's folder; or that of a reproduction or a comparison, which must be finished.
         out: The file. Default: report.html in that folder.
         title: The heading. Default: the study's name.
     """

@@ -55,16 +55,16 @@ def views(
     Args:
         weights: CSV of weights: dates or labels in the first column, one column per asset, one row per portfolio.
         covariance: CSV of the covariance per period: the assets' names in the first row and column.
-        returns: CSV of returns, as for `backtest`, for an estimate of the covariance instead.
+        returns: CSV of returns, as for `backtest`, from which the covariance is estimated instead.
         factors: With `--returns`: number of principal factors of that covariance, besides specific variances. Default: the
             sample covariance.
-        risk_aversion: The investor's, per unit of return: the cost is γ u'Vu − m'u.
+        risk_aversion: γ in the investor's cost γ u'Vu − m'u, per unit of return, without a half.
         held: What may be held: anything; invested: weights that sum to one; long-only: these, none below zero.
         cap: Largest weight.
         regret: Largest regret of the weights, such as 5bp or 0.0005 per period.
-        digits: Digits after the point that the weights were rounded to.
+        digits: Decimals that the weights were rounded to.
         reference: State expected returns minus that of this asset, of the "portfolio", or of the "mean" asset. Needed where
-            weights must sum to one: adding a constant to all expected returns does not change them.
+            weights must sum to one, because a constant added to all expected returns then changes nothing.
         out: Folder for views.csv, summary.json and the figure; without it the results are only printed.
     """
     if (covariance is None) == (returns is None):

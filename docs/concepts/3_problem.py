@@ -34,9 +34,9 @@ print("V(belief)   ", problem.optimal_cost(belief).round(5))
 print("regret of equal weights", problem.regret(belief, np.full(3, 1 / 3)).round(6))
 
 # %%
-# The left panel shows the optimal weights for every probability of a crisis: each portfolio reveals its belief. The right panel
-# shows the regret of the decisions that are optimal under other beliefs than the true one. It does not decrease along a ray
-# from the true belief.
+# The left panel shows the optimal weights for every probability of a crisis. Below 0.36 each portfolio reveals the probability;
+# above, all portfolios are bills alone. The right panel shows the regret of the decisions that are optimal under other beliefs
+# than the true one. It does not decrease along a ray from the true belief.
 
 crisis = np.linspace(0.0, 1.0, 201)
 beliefs = np.column_stack([1 - crisis, np.zeros(201), crisis])

@@ -382,3 +382,24 @@ def test_a_conditional_value_at_risk_is_solved_as_written_out() -> None:
         values += belief[1] * ((points - [1.0, 0.0]) ** 2).sum(axis=1)
         np.testing.assert_allclose(found, points[values.argmin()], atol=1e-3)
         assert belief @ problem.state_costs(found) == pytest.approx(values.min(), abs=1e-6)
+
+
+@pytest.mark.parametrize("variable", [{}, {"nonneg": True}, {"bounds": [0.0, 9.0]}], ids=["plain", "nonneg", "bounds"])
+@pytest.mark.parametrize("kind", ["kinks", "exponential", "logarithm", "tail"])
+def test_one_cone_programme_for_all_beliefs_solves_as_cvxpy_does(kind, variable, fresh_rng):
+    """Its data are linear in the belief: costs are those of a problem that CVXPY compiles for one belief alone."""
+    u, wanted = cp.Variable(2, **variable), fresh_rng.uniform(3.0, 8.0, (3, 2))
+    costs = {
+        "kinks": lambda d: cp.sum(cp.pos(u - d)) + 3.0 * cp.sum(cp.pos(d - u)) + 0.05 * cp.sum_squares(u),
+        "exponential": lambda d: cp.sum(cp.exp(0.2 * (d - u))) + 0.1 * cp.sum(u),
+        "logarithm": lambda d: -cp.sum(cp.log(u + d)) + 0.2 * cp.sum(u),
+        "tail": lambda d: cp.cvar(cp.hstack([d[0] - u[0], d[1] - u[1], u[0] - d[1]]), 0.5) + 0.02 * cp.sum_squares(u),
+    }[kind]
+    rows = [u >= 0, cp.sum(u) <= 14]
+    problem = ConvexProblem(u, [costs(d) for d in wanted], rows)
+    assert problem._model._cones is not None
+    for belief in [*np.eye(3), *fresh_rng.dirichlet(np.ones(3), 5)]:
+        found = problem.optimal_cost(belief)
+        u.save_value(None)  # by which CVXPY compiles a sum of the largest
+        alone = cp.Problem(cp.Minimize(sum(p * costs(d) for p, d in zip(belief, wanted, strict=True))), rows)
+        assert found == pytest.approx(alone.solve(solver=cp.CLARABEL), abs=2e-6)

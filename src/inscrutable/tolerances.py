@@ -269,6 +269,9 @@ rounding, 1e-16, then stays a tenth of `EXPLAINED`. Gradients count as no smalle
 EXACT_COST = 1e-13
 """The same for quadratic programmes solved by active sets: stationary to 1e-12, so optimal to its square and rounding."""
 
+CONE_COST = 1e-6
+"""Difference of two optimal costs of one cone programme, relative to them: an interior-point method ends at 1e-8."""
+
 SHARED_DECISION = 1e-11
 """A decision whose cost at a belief exceeds the optimal cost by no more than this, relative to the largest state cost, is
 optimal there too: above the rounding of costs; between different decisions at beliefs `SHARED_WIDTH` apart far below it."""

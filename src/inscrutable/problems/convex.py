@@ -57,9 +57,9 @@ class ConvexProblem(DecisionProblem):
 
     Cost: that of a quadratic or linear problem where costs are; else about a millisecond per belief of many, and
     some for one alone, so ask for few decoys, such as `decoy_grid(problem, 20)`. With kinks a set Π(u) takes some ten solves,
-    and a decision that hides thousands of sets: minutes. Costs that are maxima of affine functions, such as a mean shortfall
-    over scenarios, are faster as a `PiecewiseLinearProblem`. Source: the paper, eq. (3); Agrawal et al., A Rewriting System for
-    Convex Optimization Problems (2018).
+    and a decision that hides some hundred sets: 10 s, a lottery a minute. Costs that are maxima of affine functions, such as a
+    mean shortfall over scenarios, are faster as a `PiecewiseLinearProblem`. Source: the paper, eq. (3); Agrawal et al., A
+    Rewriting System for Convex Optimization Problems (2018).
 
     Example:
         >>> import cvxpy as cp

@@ -10,6 +10,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.errors import InputError, ModelError, SolverError
+from inscrutable.problems.cone_programmes import ConeProgramme, cone_programme
 from inscrutable.problems.constraints import Polyhedron, box
 from inscrutable.problems.expressions import Node, tree_of
 from inscrutable.problems.lifted_constraints import constrained
@@ -150,13 +151,23 @@ class Modelled:
                 pass  # judged, and told, at the costs' own size
         return self._solve_at(belief)
 
+    @cached_property
+    def _cones(self) -> ConeProgramme | None:
+        try:
+            return cone_programme(self._cvxpy, *self._compiled, self._variable)
+        except (self._cvxpy.error.SolverError, self._cvxpy.error.DCPError):
+            return None
+
     def _solve_at(self, belief: Array) -> Array:
-        problem, parameter = self._compiled
+        found = None if self._cones is None else self._cones.solve(belief)
+        if found is not None:
+            return found
+        problem, parameter = self._compiled  # says also why there is no solution
         parameter.value = belief
         # CVXPY 1.9.3 compiles `sum_largest` (and `cvar`) by the variable's value, and fails where their number is no integer.
         self._variable.save_value(None)
         try:
-            problem.solve(solver=self._cvxpy.CLARABEL)
+            problem.solve(solver=self._cvxpy.CLARABEL, warm_start=False)
         except self._cvxpy.error.SolverError as error:
             raise SolverError(f"Clarabel failed for belief {belief}: {error}") from None
         if problem.status in ("unbounded", "unbounded_inaccurate"):

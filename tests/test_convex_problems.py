@@ -403,3 +403,17 @@ def test_one_cone_programme_for_all_beliefs_solves_as_cvxpy_does(kind, variable,
         u.save_value(None)  # by which CVXPY compiles a sum of the largest
         alone = cp.Problem(cp.Minimize(sum(p * costs(d) for p, d in zip(belief, wanted, strict=True))), rows)
         assert found == pytest.approx(alone.solve(solver=cp.CLARABEL), abs=2e-6)
+
+
+def test_without_the_parts_of_cvxpy_that_are_its_own_costs_are_solved_by_it_alone(monkeypatch, fresh_rng):
+    def renamed(*_):
+        raise AttributeError("var_id_to_col")
+
+    wanted, beliefs = fresh_rng.uniform(3.0, 8.0, (3, 2)), fresh_rng.dirichlet(np.ones(3), 4)
+    u = cp.Variable(2)
+    costs = [cp.sum(cp.pos(u - d)) + 3.0 * cp.sum(cp.pos(d - u)) for d in wanted]
+    first, second = (ConvexProblem(u, costs, [u >= 0, cp.sum(u) <= 14]) for _ in range(2))
+    found = first.optimal_cost(beliefs)
+    monkeypatch.setattr("inscrutable.problems.modelled.cone_programme", renamed)
+    assert second.optimal_cost(beliefs) == pytest.approx(found, abs=2e-6)
+    assert second._model._cones is None

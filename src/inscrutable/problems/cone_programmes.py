@@ -25,16 +25,18 @@ class ConeProgramme(NamedTuple):
     first: int  # place of the decision in x
     size: int  # U
 
+    def objective(self, belief: Array) -> tuple[Any, Array]:
+        """Return P and c."""
+        squares = sum(share * each for share, each in zip(belief, self.squares, strict=True))
+        return squares.tocsc(), belief @ self.slopes
+
     def solve(self, belief: Array) -> Array | None:
         """Return the decision (U,) of least cost; None where Clarabel does not say that it is one."""
         import clarabel
 
-        squares = sum(share * each for share, each in zip(belief, self.squares, strict=True))
         settings = clarabel.DefaultSettings()
         settings.verbose = False
-        solver = clarabel.DefaultSolver(
-            squares.tocsc(), belief @ self.slopes, self.rows, self.sides, self.cones, settings
-        )
+        solver = clarabel.DefaultSolver(*self.objective(belief), self.rows, self.sides, self.cones, settings)
         found = solver.solve()
         if found.status != clarabel.SolverStatus.Solved:
             return None
@@ -55,25 +57,24 @@ def cone_programme(cvxpy: Any, problem: Any, parameter: Any, variable: Any) -> C
         variable.save_value(None)
         return copied.get_problem_data(cvxpy.CLARABEL)[0]
 
-    count = parameter.size
-    each, middle = (
-        [data_at(values) for values in np.eye(count)],
-        np.arange(1.0, count + 1) / np.arange(1.0, count + 1).sum(),
-    )
+    each, uneven = [data_at(values) for values in np.eye(parameter.size)], np.arange(1.0, parameter.size + 1.0)
+    uneven /= uneven.sum()
     first = each[0]["param_prob"].var_id_to_col.get(seen.id)
     made = ConeProgramme(
         [sparse.triu(data["P"]).tocsc() if "P" in data else sparse.csc_array((data["c"].size,) * 2) for data in each],
         np.array([data["c"] for data in each]), each[0]["A"], each[0]["b"], dims_to_solver_cones(each[0]["dims"]), first,
         int(variable.size),
     )  # fmt: skip
-    data = data_at(middle)
-    is_linear = np.allclose(data["c"], middle @ made.slopes, rtol=tolerances.EXACT_COST, atol=0.0)
+    data, (squares, slope) = data_at(uneven), made.objective(uneven)
+    rounding = tolerances.EXACT_COST * (np.abs(slope).max() + abs(squares).max())
+    is_linear = np.abs(data["c"] - slope).max() <= rounding
+    is_linear &= "P" not in data or abs(sparse.triu(data["P"]) - squares).max() <= rounding
     for other in each:
         is_linear &= abs(data["A"] - other["A"]).max() == 0 and np.array_equal(data["b"], other["b"])
-    found = made.solve(middle) if is_linear and first is not None else None
+    found = made.solve(uneven) if is_linear and first is not None else None
     if found is None:
         return None
-    least = problem.solve(solver=cvxpy.CLARABEL, warm_start=False)
+    cost = problem.solve(solver=cvxpy.CLARABEL, warm_start=False)
     variable.save_value(found)
-    gap = abs(float(problem.objective.value) - least)
-    return made if gap <= tolerances.CONE_COST * max(abs(least), 1.0) else None
+    gap = abs(float(problem.objective.value) - cost)
+    return made if gap <= tolerances.CONE_COST * max(abs(cost), 1.0) else None

@@ -157,6 +157,8 @@ class Modelled:
             return cone_programme(self._cvxpy, *self._compiled, self._variable)
         except (self._cvxpy.error.SolverError, self._cvxpy.error.DCPError):
             return None
+        except (ImportError, AttributeError, KeyError):  # of CVXPY's own parts, which may be others in another version
+            return None
 
     def _solve_at(self, belief: Array) -> Array:
         found = None if self._cones is None else self._cones.solve(belief)

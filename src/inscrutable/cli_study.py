@@ -28,7 +28,7 @@ study = App(
     name="study",
     help="Run a study: a grid of markets, decision makers, budgets and adversaries, with rows that survive a kill.",
     help_epilogue="Exit code 1: a task failed; its row says why, and the others are done.",
-    help_format="plaintext",
+    help_format="markdown",
 )
 
 Jobs = Annotated[Whole, Parameter(group=WORK)]

@@ -152,6 +152,23 @@ def test_blocks_do_not_change_what_is_found(monkeypatch):
     assert parts.mutual_information == pytest.approx(whole.mutual_information, abs=5 * whole.information_se.max())
 
 
+@pytest.mark.parametrize("share", [1e-5, 1e-4, 1e-3])
+@pytest.mark.parametrize("n", [2, 10])
+def test_what_was_never_drawn_is_in_the_stated_error(share: float, n: int) -> None:
+    """A decision so rare that most samples have none; whether it was ever played is all that a sequence tells."""
+    prior = Prior(np.eye(2), [0.5, 0.5])
+    rare = Mechanism(prior.beliefs, [[0.0], [1.0]], [[1.0 - share, share], [1.0, 0.0]], np.zeros((2, 2)))
+    never = (1.0 - share) ** n
+    joint = np.array([[0.5 * never, 0.5 * (1.0 - never)], [0.5, 0.0]])
+    seen = joint.sum(axis=0)
+    bits = float(sum(p * np.log2(p / (0.5 * q)) for row in joint for p, q in zip(row, seen, strict=True) if p > 0))
+    error = np.sqrt(2.0 * joint[0, 0] * joint[1, 0] / seen[0])
+    for seed in range(20):
+        found = repeated_leakage(rare, prior, (n,), rng=np.random.default_rng(seed))
+        assert abs(found.mutual_information[0] - bits) < 6.0 * found.information_se[0]
+        assert abs(found.bayes_error[0] - error) < 6.0 * found.error_se[0]
+
+
 def test_very_unlikely_and_impossible_decisions():
     prior = Prior([[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]], [0.5, 0.5, 0.0])
     table = [[1.0, 0.0, 0.0], [1.0 - 1e-300, 1e-300, 0.0], [0.0, 0.0, 1.0]]

@@ -38,7 +38,9 @@ class RepeatedLeakage(Summarised, Saved):
         mutual_information: I(π;u_1..u_n), in bits, shape (S,).
         bayes_error: √E‖π − E[π|u_1..u_n]‖², Euclidean, in units of belief, shape (S,).
         top_state_accuracy: How often the best guess of a most likely state is right, shape (S,).
-        information_se: Standard errors of the sampled figures, shape (S,); 0 where exact: at n = 1, and without randomisation.
+        information_se: Standard errors of the sampled figures, shape (S,), at least 1/n_draws of the difference that
+            infinitely many decisions make: sequences that are rarer may not be drawn. They are 0 where exact: at n = 1, and
+            without randomisation.
         error_se: Those of the Bayes error.
         accuracy_se: Those of the accuracy.
         prior_entropy: Entropy of the belief before any decision, in bits.
@@ -142,14 +144,18 @@ def repeated_leakage(
     # Without randomisation a repeated decision adds no information to the first one.
     certain = bool((joint.conditional >= 1.0 - tolerances.PROBABILITY).all())
     sampled = _sample(joint, steps, count, source) if steps[-1] > 1 and not certain else []
+    limit_information, limit_error = _limits(joint)
+    # A kind of sequence with a share of 1/n_draws is missing in a third of the samples, whose spread does not know of it.
+    most = limit_information, once.prior_error**2 - limit_error**2, float(limit_information > tolerances.PROBABILITY)
+    unseen = np.array(most) / count
     for s, n in enumerate(steps):
         if n == 1 or certain:
             found[:, s] = once.mutual_information, once.bayes_error, once.top_state_accuracy
             continue
         found[:, s], errors[:, s] = _averages(sampled[s])
+        errors[:, s] = np.maximum(errors[:, s], unseen)
         root = np.sqrt(found[1, s])
         found[1, s], errors[1, s] = root, errors[1, s] / (2 * root) if root > 0 else 0.0
-    limit_information, limit_error = _limits(joint)
     return RepeatedLeakage(
         n_steps=np.array(steps),
         mutual_information=found[0],

@@ -18,6 +18,7 @@ from inscrutable import (
     InputError,
     MarkowitzProblem,
     Mechanism,
+    ModelError,
     OriginalDecisionMaker,
     PartialDecisionMaker,
     Prior,
@@ -138,13 +139,31 @@ def test_the_law_is_right_where_states_last_long(fresh_rng: np.random.Generator,
     assert chain.prior.weights @ chain.transition == pytest.approx(chain.prior.weights, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    "transition", [np.eye(2), [[1.0, 0.0], [0.1, 0.9]], [[0.0, 1.0], [1.0, 0.0]], [[1 - 1e-9, 1e-9], [1e-9, 1 - 1e-9]]]
-)
-def test_states_that_a_path_never_sees_or_never_leaves_have_a_chain(transition: Any) -> None:
+@pytest.mark.parametrize("transition", [[[1.0, 0.0], [0.1, 0.9]], [[0.0, 1.0], [1.0, 0.0]]])
+def test_states_that_a_path_leaves_for_good_or_at_once_have_a_chain(transition: Any) -> None:
     world = HiddenMarkovModel(transition, CategoricalEmission([[0.7, 0.3], [0.4, 0.6]]), [0.3, 0.7])
     chain = filtered_chain(world, 20, rng=np.random.default_rng(0), n_steps=2000)
     assert chain.prior.weights @ chain.transition == pytest.approx(chain.prior.weights, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("transition", "error", "told"),
+    [
+        (np.eye(2), ModelError, "depends on where the chain begins"),
+        (
+            [[1 - 1e-9, 1e-9], [1e-9, 1 - 1e-9]],
+            InputError,
+            "never visits the state 'regime [12]', whose long-run share is 50%",
+        ),
+    ],
+)
+def test_a_path_that_never_visits_a_common_state_is_no_long_run_law(
+    transition: Any, error: type[Exception], told: str
+) -> None:
+    world = HiddenMarkovModel(transition, CategoricalEmission([[0.7, 0.3], [0.4, 0.6]]), [0.3, 0.7])
+    for law in (filtered_chain, filtered_prior):
+        with pytest.raises(error, match=told):
+            law(world, 20, rng=np.random.default_rng(0), n_steps=2000)
 
 
 def test_the_predicted_chain_is_one_step_ahead() -> None:

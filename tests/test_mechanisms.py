@@ -360,8 +360,12 @@ def test_the_stationary_prior_is_repeatable_and_checks_its_input():
     one, other = (filtered_prior(world, 20, rng=np.random.default_rng(7), n_steps=500) for _ in range(2))
     assert np.array_equal(one.beliefs, other.beliefs)
     assert np.array_equal(one.weights, other.weights)
-    assert len(filtered_prior(world, 20, rng=np.random.default_rng(7), n_steps=1)) == 1
-    for resolution, n_steps, message in ((0, 10, "resolution"), (2.5, 10, "resolution"), (10, 0, "n_steps")):
+    for resolution, n_steps, message in (
+        (0, 10, "resolution"),
+        (2.5, 10, "resolution"),
+        (10, 0, "n_steps"),
+        (10, 1, "n_steps = 1 never visits"),
+    ):
         with pytest.raises(InputError, match=message):
             filtered_prior(world, resolution, rng=np.random.default_rng(0), n_steps=n_steps)
     with pytest.raises(InputError, match="rng must be"):

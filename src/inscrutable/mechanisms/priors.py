@@ -9,13 +9,17 @@ import numpy as np
 
 from inscrutable import validation
 from inscrutable.axes import Axis
-from inscrutable.errors import InputError
+from inscrutable.errors import InputError, ModelError
 from inscrutable.filtering import filter_beliefs
 from inscrutable.geometry import simplex_grid
 from inscrutable.mechanisms.cycles import balanced_weights
 from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
+from inscrutable.worlds.hidden_markov import stationary_law
+
+_COMMON = 0.01
+"""Long-run share of a state that a simulated path must visit; a rarer one moves the mean of the beliefs by less."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -119,7 +123,9 @@ def filtered_prior(
         n_steps: Length of the simulated path, at least 1; the first tenth is left out.
 
     Raises:
-        InputError: `world` is no hidden Markov model, a number is not whole or below 1, or `rng` is no generator.
+        InputError: `world` is no hidden Markov model, a number is not whole or below 1, `rng` is no generator, or the path
+            never visits a state with a long-run share of 1 % or more.
+        ModelError: The chain has several classes of states that it never leaves, so that its long-run law depends on the start.
 
     Cost: one simulated and filtered path.
 
@@ -201,8 +207,16 @@ def grid_visits(world: HiddenMarkovModel, resolution: int, *, rng: np.random.Gen
         raise InputError(f"world must be a HiddenMarkovModel, got {world!r}")
     count = validation.count(n_steps, "n_steps")
     resolution = validation.count(resolution, "resolution")
+    shares = _long_run_shares(world)
     path = world.sample(count, rng=validation.generator(rng))
     skipped = count // 10
+    missed = np.setdiff1d(np.flatnonzero(shares >= _COMMON), path.states[skipped:])
+    if missed.size:
+        name, share = world.names[missed[0]], shares[missed[0]]
+        raise InputError(
+            f"a simulated path with n_steps = {count} never visits the state {name!r}, whose long-run share is {share:.0%}: "
+            "expected more steps, or states that are left more often"
+        )
     beliefs = filter_beliefs(world, path.observations, public=path.public).beliefs[skipped:]
     numbers, place = np.unique(rounded_to_grid(beliefs, resolution), axis=0, return_inverse=True)
     place = place.reshape(-1)
@@ -210,6 +224,13 @@ def grid_visits(world: HiddenMarkovModel, resolution: int, *, rng: np.random.Gen
     law = np.bincount(place, weights=weights)
     read = None if path.public is None else path.public[skipped:]
     return GridVisits(Prior(numbers / resolution, law / law.sum()), place, weights, read)
+
+
+def _long_run_shares(world: HiddenMarkovModel) -> Array:
+    try:
+        return stationary_law(world.transition)
+    except ModelError as error:
+        raise ModelError(f"the long-run law of beliefs depends on where the chain begins: {error}") from error
 
 
 def rounded_to_grid(beliefs: Array, resolution: int) -> np.ndarray:

@@ -105,7 +105,7 @@ class HiddenMarkovModel:
             raise InputError(f"emission has {emission.n_states} states, transition has {n_states}")
         read, law = checked_public(public, emission)
         if initial is None:
-            start = _stationary(rows)
+            start = stationary_law(rows)
         else:
             start = validation.stochastic_rows(initial, "initial", ndim=1, axes=(states,))
             if start.size != n_states:
@@ -215,7 +215,7 @@ def _state_names(names: Iterable[Any] | None, n_states: int) -> tuple[str, ...]:
     return labels
 
 
-def _stationary(transition: Array) -> Array:
+def stationary_law(transition: Array) -> Array:
     """Solve π = π P on the one closed class by state reduction, which never subtracts.
 
     Every entry is therefore right to rounding, however rare the switches (Grassmann, Taksar and Heyman, Operations

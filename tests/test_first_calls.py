@@ -36,7 +36,7 @@ kernels = {pair: getattr(import_module(pair[0]), pair[1]) for pair in used}
 # A part of a search is named there to be compiled ahead; Python never calls it.
 inner = {pair for pair, each in kernels.items() if getattr(each, "targetoptions", {}).get("no_cpython_wrapper")}
 called = {pair: each.signatures for pair, each in kernels.items() if hasattr(each, "signatures") and pair not in inner}
-ahead = len(list(folder.glob("region_climb.climb_border-*.nbc")))
+ahead = len(list(folder.glob("climb.climb-*.nbc")))
 print(json.dumps([moves, ahead, len(called), [pair for pair, signatures in called.items() if not signatures]]))
 """
 

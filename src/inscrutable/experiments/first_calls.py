@@ -82,11 +82,11 @@ def _quietly(calls: Callable[[], None]) -> None:
 
 
 def _others() -> None:
+    from inscrutable.kernels.climb import climb
     from inscrutable.kernels.deferred import compiled_at_once
-    from inscrutable.kernels.region_climb import climb_border
     from inscrutable.kernels.region_search import search_regions
 
-    cast(Any, search_regions).compile_callee(climb_border)
+    cast(Any, search_regions).compile_callee(climb)
     problem, beliefs = _market(np.random.default_rng(0))
     CounterAdversarialDecisionMaker(problem).decide(beliefs[0])
     with compiled_at_once():

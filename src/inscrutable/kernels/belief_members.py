@@ -17,6 +17,7 @@ from inscrutable.kernels.belief_sets import LARGER, along, band, hull_of, room_f
 from inscrutable.kernels.options import inlined, internal, kernel
 from inscrutable.kernels.projection import NO_EQUALITIES, project_in
 from inscrutable.kernels.projection import room_for as projection_room
+from inscrutable.kernels.references import by_reference, release
 from inscrutable.tolerances import (
     LEAST_MEMBER_DEPTH,
     MEMBER_DEPTH,
@@ -116,7 +117,8 @@ def find_members(equalities: Any, inequalities: Any, basis: Any, tolerance: floa
         if count < 0:
             verdict[i] = EMPTY
             continue
-        memory = projection_room(size, count)
+        made = projection_room(size, count)
+        memory = by_reference(made)
         for depth in (MEMBER_DEPTH, LEAST_MEMBER_DEPTH):
             for r in range(count):
                 deeper[r] = sides[r] + depth
@@ -129,3 +131,4 @@ def find_members(equalities: Any, inequalities: Any, basis: Any, tolerance: floa
             if _contradict(normals, sides, count, size, weights):
                 verdict[i] = EMPTY
                 break
+        release(made)

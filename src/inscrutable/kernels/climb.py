@@ -30,6 +30,7 @@ from inscrutable.kernels.faces import (
 )
 from inscrutable.kernels.options import inlined, integer, internal, uncounted
 from inscrutable.kernels.projection import NO_EQUALITIES, at_unit_length, project_in, room_for
+from inscrutable.kernels.references import by_reference, release
 from inscrutable.kernels.rounding import NO_DISTANCE, TINY
 from inscrutable.tolerances import EXPLAINED, PIVOT, POLISH
 
@@ -203,7 +204,7 @@ def quadratic_step(hessian: Any, slope: Any, shift: Any, below: Any, step: Any, 
     multipliers `weights` (m,), of either sign for equalities, are filled; where False is returned they say nothing.
     """
     units, sides, n_equal = below
-    factor, turned, moved, lengths, projection = room
+    factor, turned, moved, lengths = room.factor, room.turned, room.moved, room.lengths
     n = step.size
     _factor_shifted(hessian, shift, factor)
     for i in range(n):
@@ -224,7 +225,7 @@ def quadratic_step(hessian: Any, slope: Any, shift: Any, below: Any, step: Any, 
             turned[r, i] /= length
         moved[r] = sides[r] / length
         lengths[r] = length
-    if not project_in(turned, moved, sides.size, n_equal, PROJECTED, step, weights, projection):
+    if not project_in(turned, moved, sides.size, n_equal, PROJECTED, step, weights, room.projection):
         return False
     for r in range(sides.size):
         weights[r] /= lengths[r]
@@ -379,7 +380,8 @@ def climb(face: Any, aim: Any, basis: Any, y: Any, w: Any) -> tuple[float, float
     place = _place_for(n_states, k)
     lines = _Lines(np.empty((count, n)), np.empty(count), np.empty(count), np.zeros(m, dtype=np.bool_))
     step, slope, hessian, weights = np.empty(n), np.empty(n), np.empty((n, n)), np.zeros(count)
-    memory, curving = step_room(n, count), (np.empty((n_states, n_states)), np.empty((n_states + 1, k)))
+    stepping, curving = step_room(n, count), (np.empty((n_states, n_states)), np.empty((n_states + 1, k)))
+    memory = by_reference(stepping)
     trial, normal = y.copy(), np.empty(n_states)
     room = (lines, memory.moved, slope, normal, memory.projection)
     best, share = np.inf, 1.0
@@ -417,4 +419,5 @@ def climb(face: Any, aim: Any, basis: Any, y: Any, w: Any) -> tuple[float, float
                 break
         _move(basis, y, step, share, trial)
     solve_kkt(curves, y, PIVOT, w, place.factor, place.gradients, place.slopes)
+    release(stepping)
     return best, weights[m] if has_budget else 0.0

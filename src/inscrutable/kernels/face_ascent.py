@@ -33,6 +33,7 @@ from inscrutable.kernels.copies import put
 from inscrutable.kernels.faces import cholesky, row_value, solve_factored
 from inscrutable.kernels.options import inlined, integer, internal
 from inscrutable.kernels.projection import at_unit_length, project
+from inscrutable.kernels.references import by_reference, release
 from inscrutable.kernels.rounding import FLAT, NO_DISTANCE
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 
@@ -322,7 +323,8 @@ def ascend(face: Any, rows: Any, aim: Any, basis: Any, w: Any, z: Any, floor: fl
     curves, has_budget = face.curves, aim.limit < np.inf
     lines = m + 1 if has_budget else m
     units, sides, lengths, weights = np.empty((lines, size)), np.empty(lines), np.empty(lines), np.zeros(lines)
-    hessian, slope, step, memory = np.empty((size, size)), np.empty(size), np.empty(size), step_room(size, lines)
+    stepping = step_room(size, lines)
+    hessian, slope, step, memory = np.empty((size, size)), np.empty(size), np.empty(size), by_reference(stepping)
     cost_slope, curvature = np.empty(k), np.empty((k, k))
     trial, member, nearest = w.copy(), z.copy(), np.empty(n_states)
     written, active = (units, sides, lengths), room.active[: k + face.n_set_rows]
@@ -358,4 +360,5 @@ def ascend(face: Any, rows: Any, aim: Any, basis: Any, w: Any, z: Any, floor: fl
             if promise <= NO_GAIN or (creeps and (_TRIALS - turn) * promise <= enough):
                 break
         _move(w, z, step, share, basis, trial, member)
+    release(stepping)
     return -best, weight

@@ -13,6 +13,7 @@ from inscrutable.kernels.face_ascent import cost_model
 from inscrutable.kernels.faces import cholesky
 from inscrutable.kernels.options import inlined, internal, uncounted
 from inscrutable.kernels.projection import NO_EQUALITIES, at_unit_length
+from inscrutable.kernels.references import by_reference, release
 from inscrutable.kernels.rounding import FLAT
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 from inscrutable.tolerances import PIVOT, SIMPLEX_DIAMETER
@@ -41,8 +42,10 @@ def move_to_cheapest(face: Any, aim: Any, w: Any) -> None:
             value += face.rows[first + r, 0, a] * w[a]
         sides[r], _ = at_unit_length(units[r], value)
     shift, below = Shift(k, 0.0, 1.0), HalfSpaces(units, sides, NO_EQUALITIES)
-    if quadratic_step(curvature, slope, shift, below, step, weights, step_room(k, m)):
+    room = step_room(k, m)
+    if quadratic_step(curvature, slope, shift, below, step, weights, by_reference(room)):
         put_shifted(w, 1.0, step, w)
+    release(room)
 
 
 @inlined

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable.kernels.options import inlined, integer, internal, kernel, uncounted
+from inscrutable.kernels.references import by_reference, release
 from inscrutable.kernels.rounding import DEPENDENT, FLAT
 
 NO_EQUALITIES = integer(0)
@@ -135,7 +136,8 @@ def project_in(
     rows contradict each other they are the proof y: y'N = 0 and y'b ≠ 0; where the search gave up they are zero.
     """
     size = x.size
-    active, entered, eta, basis, upper, across, along, normal = room
+    active, entered, eta, normal = room.active, room.entered, room.eta, room.normal
+    basis, upper, across, along = room.basis, room.upper, room.across, room.along
     for r in range(n_rows):
         multipliers[r] = 0.0
         entered[r] = False
@@ -195,4 +197,7 @@ def project_in(
 @kernel
 def project(rows: Any, sides: Any, n_rows: int, n_equal: int, near: float, x: Any, multipliers: Any) -> bool:
     """`project_in` with memory of its own."""
-    return project_in(rows, sides, n_rows, n_equal, near, x, multipliers, room_for(x.size, n_rows))
+    room = room_for(x.size, n_rows)
+    found = project_in(rows, sides, n_rows, n_equal, near, x, multipliers, by_reference(room))
+    release(room)
+    return bool(found)

@@ -16,6 +16,7 @@ from inscrutable.kernels.copies import put, put_descending
 from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.faces import row_value
 from inscrutable.kernels.options import inlined, integer, kernel, uncounted, uncounted_kernel
+from inscrutable.kernels.references import by_reference, release
 from inscrutable.kernels.region_climb import (
     ClimbRoom,
     Climbs,
@@ -413,7 +414,13 @@ def search_regions(steps: Any, aims: Any, regions: Any, starts: Any, basis: Any,
     """Search for beliefs `steps` (n,) within `Limits`, each until it has ended or asks for regions that are missing."""
     # Where tight rows depend on one another, their cone of multipliers may have more facets than there are rows.
     n_rows = max(regions.tight.shape[1], regions.n_set_rows.max())
-    turn = _turn_room(basis.shape[0], regions.bounds[0].size, n_rows, limits)
+    room = _turn_room(basis.shape[0], regions.bounds[0].size, n_rows, limits)
+    turn, regions, starts, reached = (
+        by_reference(room),
+        by_reference(regions),
+        by_reference(starts),
+        by_reference(reached),
+    )
     search = (reached, turn)
     climbs, optima = turn.climbs, turn.optima
     for t in steps:
@@ -436,6 +443,7 @@ def search_regions(steps: Any, aims: Any, regions: Any, starts: Any, basis: Any,
                     search_set(j, turn, aim, floor, has_lines, regions, basis)
                 orthant = 0 if regions.is_point[number] else _orthant(optima.far[j], aim.point)
                 _record(reached, t, number, orthant, optima, j)
+    release(room)
 
 
 class BestStarts(NamedTuple):

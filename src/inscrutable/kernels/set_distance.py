@@ -14,6 +14,7 @@ from inscrutable.kernels.copies import put
 from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.options import inlined, integer, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.projection import project_in, room_for
+from inscrutable.kernels.references import by_reference, release
 from inscrutable.kernels.rounding import FLAT
 from inscrutable.tolerances import EXPLAINED, ON_FACE, RANK, SAME_BELIEF
 
@@ -195,7 +196,8 @@ def is_explained_once(face: Any, w: Any, basis: Any, n_rows: int) -> bool:
     `n_rows` is the number of rows of the consistent set.
     """
     n_states = basis.shape[0]
-    room = distance_room(n_states, w.size - 1, n_rows)
+    made = distance_room(n_states, w.size - 1, n_rows)
+    room = by_reference(made)
     first, found, corner = np.empty(n_states), np.empty(n_states), np.zeros(n_states)
     for i in range(n_states):
         corner[:] = 0.0
@@ -207,6 +209,7 @@ def is_explained_once(face: Any, w: Any, basis: Any, n_rows: int) -> bool:
         for j in range(n_states):
             if abs(found[j] - first[j]) > SAME_BELIEF:
                 return False
+    release(made)
     return True
 
 

@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import rankdata
 
 from inscrutable import validation
 from inscrutable.errors import InputError, ModelError
@@ -227,7 +226,9 @@ def best_ranking(estimates: Array, beliefs: Array) -> StateRanking | None:
 def _ranked(values: Array, is_it: NDArray[np.bool_]) -> float:
     """Return the share of pairs with a larger value where `is_it` holds, from the sum of its ranks (Mann and Whitney 1947)."""
     n, others = is_it.sum(), (~is_it).sum()
-    return float((rankdata(values)[is_it].sum() - n * (n + 1) / 2) / (n * others))
+    _, place, equal = np.unique(values, return_inverse=True, return_counts=True)
+    ranks = (np.cumsum(equal) - (equal - 1) / 2)[place]
+    return float((ranks[is_it].sum() - n * (n + 1) / 2) / (n * others))
 
 
 def requirement_of(world: HiddenMarkovModel, beliefs: Array) -> Requirement | None:

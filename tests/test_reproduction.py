@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,8 @@ from inscrutable.experiments.random_markets import MarketLaw, random_market
 from inscrutable.experiments.reproduction import Reproduction, ReproductionSettings, reproduce
 from inscrutable.reports import reproduction as reports
 from inscrutable.reports.reproduction import claims_frame, claims_table, write_reproduction
+from sizes import some
+from small_runs import nothing_painted
 from test_golden_tables import assert_same, golden
 
 EFFORT: dict[str, Any] = {
@@ -42,6 +46,7 @@ EFFORT: dict[str, Any] = {
 }
 SMALL = ReproductionSettings(steps=4, markets=3, **EFFORT)
 MOVED = ["pdm_more_private", "pdm_more_private_at_every_budget", "cdm_cheaper", "saturates_cdm"]
+PAINTED = some([PAPER, GLOBAL], 2)
 FIGURES = [
     *(f"{variant}_{what}" for variant in ("paper", "global") for what in ("actions", "beliefs", "privacy", "costs")),
     "paper_tradeoff",
@@ -55,17 +60,38 @@ def small() -> Reproduction:
     return reproduce(SMALL, jobs=1)
 
 
+@contextmanager
+def painting(variants: Sequence[str]) -> Iterator[None]:
+    """Only the figures of some variants are drawn, as one function draws those of any."""
+    drawn = reports.draw_variant
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            reports,
+            "draw_variant",
+            lambda result, variant, place: drawn(result, variant, place) if variant in variants else [],
+        )
+        yield
+
+
 @pytest.fixture(scope="module")
 def folder(small: Reproduction, tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("reproduction")
-    write_reproduction(small, place, jobs=2)
+    with painting(PAINTED):
+        write_reproduction(small, place, jobs=2)
     return place
 
 
-def test_everything_is_written_whole(folder: Path) -> None:
-    names = {path.name for path in folder.iterdir()}
-    assert names == {f"{each}.{end}" for each in FIGURES for end in ("png", "svg")} | {"claims.csv", "summary.json"}
-    for name in FIGURES:
+def test_everything_is_written_whole(small: Reproduction, folder: Path, tmp_path: Path) -> None:
+    with nothing_painted():
+        write_reproduction(small, tmp_path, jobs=1)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *(f"{each}.{end}" for each in FIGURES for end in ("png", "svg")),
+        "claims.csv",
+        "summary.json",
+    }
+    painted = [each for each in FIGURES if each.split("_")[0] in (*PAINTED, "convergence")]
+    assert len(painted) == 5 * len(PAINTED) + 1
+    for name in painted:
         assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert (folder / f"{name}.svg").read_text("utf-8").rstrip().endswith("</svg>")
 
@@ -75,13 +101,8 @@ def test_same_seed_same_bytes_whatever_the_jobs(folder: Path, tmp_path: Path, mo
     seen: list[tuple[int, int]] = []
     again = reproduce(SMALL, jobs=2, progress=lambda done, total: seen.append((done, total)))
     monkeypatch.setattr(reports, "draw_convergence", lambda *_: [])
-    drawn = reports.draw_variant
-    monkeypatch.setattr(
-        reports,
-        "draw_variant",
-        lambda result, variant, place: drawn(result, variant, place) if variant == PAPER else [],
-    )
-    write_reproduction(again, tmp_path, jobs=1)
+    with painting([PAPER]):
+        write_reproduction(again, tmp_path, jobs=1)
     for name in ("summary.json", "claims.csv", *(f"{each}.svg" for each in FIGURES if each.startswith(PAPER))):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
     assert seen == [(1, 3), (2, 3), (3, 3)]

@@ -16,7 +16,7 @@ from inscrutable.experiments.claims import Finding, JudgedClaim, Verdict
 from inscrutable.experiments.episodes import Episode
 from inscrutable.experiments.introduction import IntroductionClaim
 from inscrutable.experiments.reproduction import Reproduction
-from inscrutable.experiments.studies.executors import renewed_quietly
+from inscrutable.experiments.studies.executors import processes, renewed_quietly
 from inscrutable.labels import listed
 from inscrutable.reports.simplex_plots import plot_actions, plot_beliefs
 from inscrutable.reports.style import COLUMN_WIDTH, drawing, save_figure
@@ -53,12 +53,12 @@ def write_reproduction(result: Reproduction, folder: str | os.PathLike[str], *, 
 
     Cost: two or three seconds of one core, for the pictures.
     """
-    from joblib import Parallel, delayed
+    from joblib import delayed
 
     place = output_folder(folder)
     tasks = [delayed(draw_variant)(result, variant, place) for variant in result.episodes]
     with renewed_quietly():  # these processes computed the markets and use more memory
-        drawn = Parallel(n_jobs=jobs)([*tasks, delayed(draw_convergence)(result, place)])
+        drawn = processes(jobs)([*tasks, delayed(draw_convergence)(result, place)])
     written = [path for paths in drawn for path in paths]
     write_table(claims_frame(result), place / "claims.csv")
     write_json(summary_of(result), place / "summary.json")

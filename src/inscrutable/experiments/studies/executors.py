@@ -98,16 +98,9 @@ def in_processes(jobs: int) -> Executor:
 
 
 def _through_joblib(jobs: int, work: Work, chunks: Chunks, keep: Keep) -> None:
-    from joblib import Parallel, delayed
+    from joblib import delayed
 
-    parallel = Parallel(
-        n_jobs=jobs,
-        return_as="generator_unordered",
-        batch_size=1,
-        pre_dispatch=f"{_IN_FLIGHT}*n_jobs",
-        initializer=_follow,
-        initargs=(os.getpid(),),
-    )
+    parallel = processes(jobs, return_as="generator_unordered", batch_size=1, pre_dispatch=f"{_IN_FLIGHT}*n_jobs")
     with renewed_quietly():
         with _deaf_to_interrupts():
             found = parallel(delayed(chunk_of_rows)(work, chunk) for chunk in chunks)
@@ -117,6 +110,13 @@ def _through_joblib(jobs: int, work: Work, chunks: Chunks, keep: Keep) -> None:
                 keep(rows)
         finally:
             found.close()
+
+
+def processes(jobs: int, **how: Any) -> Any:
+    """Return a call of joblib in processes that end with this one; those of the call before go on, if there are any."""
+    from joblib import Parallel
+
+    return Parallel(n_jobs=jobs, initializer=_follow, initargs=(os.getpid(),), **how)
 
 
 class _Alone:
@@ -172,8 +172,9 @@ class _Alone:
 def _follow(parent: int) -> None:
     """End this worker process soon after its parent, which may be killed; otherwise it would wait minutes for tasks.
 
-    A parent that was killed while its workers were starting is gone before they look for it.
+    A parent that was killed while its workers were starting is gone before they look for it. Ctrl-C is the parent's.
     """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     if os.name == "nt" and os.getppid() != parent:
         return  # there a process may be started through another
 

@@ -13,9 +13,9 @@ import pytest
 from inscrutable import cli
 from inscrutable.decision_makers import CounterAdversarialDecisionMaker
 from inscrutable.errors import InputError
-from inscrutable.experiments.attack import attack_weights
+from inscrutable.experiments.attack import Attack, attack_weights
 from inscrutable.experiments.attack_judged import judge_attack
-from inscrutable.experiments.attack_over_time import attack_over_time
+from inscrutable.experiments.attack_over_time import AttackOverTime, attack_over_time
 from inscrutable.experiments.holding import Reached
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.worlds import HiddenMarkovModel
@@ -33,10 +33,16 @@ def record(n_rows: int, seed: int = 3) -> tuple[pd.DataFrame, pd.DataFrame]:
     return held, pd.DataFrame(actions, dates, list(MODEL.assets))
 
 
-def test_errors_and_namings_are_those_of_the_estimates() -> None:
+@pytest.fixture(scope="module")
+def followed() -> tuple[pd.DataFrame, Attack, AttackOverTime]:
+    """Twenty beliefs, what their weights say, and what the weights so far say to one who knows the rule."""
     held, weights = record(20)
     attack = attack_weights(MODEL, weights)
-    over_time = attack_over_time(attack, "cdm")
+    return held, attack, attack_over_time(attack, "cdm")
+
+
+def test_errors_and_namings_are_those_of_the_estimates(followed: tuple[pd.DataFrame, Attack, AttackOverTime]) -> None:
+    held, attack, over_time = followed
     # Rows and columns of beliefs are joined by label, whatever their order.
     judged = judge_attack(attack, held.iloc[::-1, ::-1], over_time)
     eigenvalues, vectors = np.linalg.eig(MODEL.world.transition.T)
@@ -114,6 +120,7 @@ def test_regimes_have_names_of_their_own() -> None:
     assert judge_attack(attack_weights(model, weights), named.iloc[:, ::-1]).figures() == plain.figures()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_compares_and_reads_other_digits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     held, weights = record(6)
     MODEL.save(tmp_path / "model.json")
@@ -179,13 +186,14 @@ def test_rows_of_another_rule_are_not_judged_by_this_one() -> None:
     assert "cannot be judged, as it errs" in judge_attack(attack, held, replace(over_time, n_off=6)).summary()
 
 
-def test_an_aware_observer_that_errs_far_more_than_it_expects_is_not_judged() -> None:
+def test_an_aware_observer_that_errs_far_more_than_it_expects_is_not_judged(
+    followed: tuple[pd.DataFrame, Attack, AttackOverTime],
+) -> None:
     """Counter-adversarial weights of another budget seemed hidden from an observer that took them for those of the model's."""
-    held, weights = record(20)
-    attack = attack_weights(MODEL, weights)
+    held, attack, own = followed
     over_time = attack_over_time(attack, "cdm", 0.03)
     assert "a budget of 0.03 of |c*|" in over_time.summary()
-    assert "the model's budget" in attack_over_time(attack, "cdm").summary()
+    assert "the model's budget" in own.summary()
     observer = judge_attack(attack, held, over_time).observers[1]
     assert observer.expected == pytest.approx(np.sqrt(np.mean(over_time.inferred.spread**2)))
     assert observer.asked
@@ -195,11 +203,11 @@ def test_an_aware_observer_that_errs_far_more_than_it_expects_is_not_judged() ->
     assert "cannot be judged, as it errs" in far._replace(expected=0.4 * far.reached.error).summary(REGIMES)
 
 
-def test_an_aware_observer_that_errs_more_than_without_weights_is_pointed_out() -> None:
+def test_an_aware_observer_that_errs_more_than_without_weights_is_pointed_out(
+    followed: tuple[pd.DataFrame, Attack, AttackOverTime],
+) -> None:
     """The columns of two regimes exchanged: the beliefs seemed hidden, though the weights tell them."""
-    held, weights = record(20)
-    attack = attack_weights(MODEL, weights)
-    over_time = attack_over_time(attack, "cdm")
+    held, attack, over_time = followed
     first, second, third = held.columns
     exchanged = held.rename(columns={first: second, second: third, third: first})
     judged = judge_attack(attack, exchanged, over_time)
@@ -208,6 +216,7 @@ def test_an_aware_observer_that_errs_more_than_without_weights_is_pointed_out() 
     assert "each under its regime's name" in judged.summary()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_interrupted_leaves_the_results_of_an_earlier_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

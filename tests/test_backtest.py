@@ -108,6 +108,7 @@ def test_beliefs_are_predictions_from_the_past(found: Backtest) -> None:
             np.testing.assert_allclose(found.beliefs.iloc[t - TRAINING + 1], held, atol=1e-10)
 
 
+@pytest.mark.usefixtures("coarse")
 def test_the_future_changes_nothing_before_it(found: Backtest) -> None:
     returns = market()
     later = 4  # rows changed at the end
@@ -121,6 +122,7 @@ def test_the_future_changes_nothing_before_it(found: Backtest) -> None:
     assert not np.allclose(found.beliefs.iloc[known], changed.beliefs.iloc[known], atol=1e-6)
 
 
+@pytest.mark.usefixtures("coarse")
 def test_appended_rows_change_nothing_before_them(found: Backtest) -> None:
     shorter = run(market().iloc[:-3])
     for name in found.names:
@@ -217,6 +219,7 @@ def test_headers_state_the_timing_and_the_factor(found: Backtest) -> None:
         assert any(FULL_NAMES[name] in each for each in verdict(found))
 
 
+@pytest.mark.usefixtures("coarse")
 def test_another_seed_draws_others(found: Backtest) -> None:
     """Lotteries whose atoms are all likely come out differently; the CDM, which draws nothing, does not."""
     chosen = replace(SETTINGS, budget=Budget(0.02))
@@ -314,6 +317,7 @@ def test_a_target_for_every_step_has_no_mechanism() -> None:
     assert "changes from step to step" in text_of(found)
 
 
+@pytest.mark.usefixtures("coarse")
 def test_beliefs_of_the_users_own() -> None:
     returns = market()
     dates = returns.index[TRAINING - 1 : -1]
@@ -344,6 +348,7 @@ def test_beliefs_of_the_users_own() -> None:
         run(returns, beliefs=given.assign(calm=[0.3] + [0.5] * 8, turbulent=[0.7, 0.6] + [0.5] * 7))
 
 
+@pytest.mark.usefixtures("coarse")
 def test_other_measures_and_budgets() -> None:
     returns = market(extra=4)
     target = DesiredObfuscation([1.0, 0.0])
@@ -359,6 +364,7 @@ def test_other_measures_and_budgets() -> None:
     assert "-" in text_of(absent)
 
 
+@pytest.mark.usefixtures("coarse")
 def test_duplicated_and_constant_assets_work() -> None:
     returns = market(extra=6)
     returns["copy"] = returns["3M"]
@@ -423,6 +429,7 @@ def test_settings_that_do_not_fit(settings: dict[str, object], message: str) -> 
         BacktestSettings(**settings)  # type: ignore[arg-type]
 
 
+@pytest.mark.usefixtures("coarse")
 def test_a_riskless_rate_per_year_on_rows_of_a_month_is_pointed_out() -> None:
     returns = market()
     doubted, sound = (

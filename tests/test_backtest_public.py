@@ -14,6 +14,7 @@ from inscrutable.experiments.backtest import Backtest
 from inscrutable.experiments.backtest_public import BesideReturns
 from inscrutable.reports.backtest import table_of, text_of
 from inscrutable.reports.backtest_verdict import verdict
+from small_runs import coarse_rivals, repeated_fits
 from test_backtest import DECISIONS, TRAINING, market, run
 
 PUBLIC = ("error_public_without", "error_public_face_value", "error_public_followed")
@@ -45,7 +46,8 @@ def runs() -> dict[str, Backtest]:
         "private": BesideReturns(private=signal()),
         "fear": BesideReturns(sentiment()),
     }
-    return {name: run(RETURNS, beside=each) for name, each in options.items()}
+    with coarse_rivals(), repeated_fits():
+        return {name: run(RETURNS, beside=each) for name, each in options.items()}
 
 
 def normal(value: np.ndarray, mean: np.ndarray, spread: np.ndarray) -> float:

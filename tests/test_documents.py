@@ -34,7 +34,7 @@ from matplotlib.figure import Figure
 from inscrutable import cli
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
-from small_runs import repeated_fits
+from small_runs import coarse_rivals, repeated_fits
 
 ROOT = Path(__file__).resolve().parent.parent
 MADE = ROOT / "docs" / "made"
@@ -49,6 +49,7 @@ SCRIPTS = sorted(
 )
 FENCE = re.compile(r"^```(\w*)([^\n]*)\n(.*?)^```[ \t]*$", re.M | re.S)
 LINK = re.compile(r"\]\((?!https?://|mailto:|#)([^)#\s]+)")
+ROUGH = ("docs/own-portfolio.md",)  # shows no figure of an observer of its backtest, who is a coarse one but in `make audit`
 SET_UP = ("git", "cd", "pip", "python3", "source", "open")  # what a reader types before and after, not ours to run
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 
@@ -181,7 +182,9 @@ def fitted_once() -> Iterator[None]:
 @pytest.mark.usefixtures("undrawn", "unpaged", "fitted_once")
 def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    check_page(page.read_text("utf-8"), page.relative_to(ROOT).as_posix(), tmp_path, audit=False)
+    name = page.relative_to(ROOT).as_posix()
+    with coarse_rivals() if name in ROUGH else contextlib.nullcontext():
+        check_page(page.read_text("utf-8"), name, tmp_path, audit=False)
 
 
 @pytest.mark.audit

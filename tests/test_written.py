@@ -34,6 +34,7 @@ def test_only_own_files_that_nobody_changed_are_deleted(tmp_path: Path) -> None:
     assert left == {"a.csv", "b.csv", "mine.txt", "attack.csv", "files.json"}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_no_command_replaces_the_summary_of_another(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "w.csv").write_text("month,A,B\n2020-01,0.5,0.5\n")
     (tmp_path / "S.csv").write_text("asset,A,B\nA,0.04,0.01\nB,0.01,0.02\n")

@@ -88,7 +88,7 @@ def short_searches() -> Iterator[None]:
 
 
 @contextmanager
-def learned_from_few(most: int = 4) -> Iterator[None]:
+def learned_from_few(most: int = 1) -> Iterator[None]:
     """In a comparison the risk aversion is learned from few decisions; for tests that judge other figures."""
     learn = comparison_watchers.learned_cost
 

@@ -49,7 +49,9 @@ SCRIPTS = sorted(
 )
 FENCE = re.compile(r"^```(\w*)([^\n]*)\n(.*?)^```[ \t]*$", re.M | re.S)
 LINK = re.compile(r"\]\((?!https?://|mailto:|#)([^)#\s]+)")
-ROUGH = ("docs/own-portfolio.md",)  # shows no figure of an observer of its backtest, who is a coarse one but in `make audit`
+ROUGH = (
+    "docs/own-portfolio.md",
+)  # shows no figure of an observer of its backtest, who is a coarse one but in `make audit`
 SET_UP = ("git", "cd", "pip", "python3", "source", "open")  # what a reader types before and after, not ours to run
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 

@@ -46,7 +46,7 @@ from inscrutable.reports.page import (
 )
 from inscrutable.reports.page.budget_sweep import BudgetSweep
 from inscrutable.reports.page.writing import embedded
-from small_runs import coarse_rivals
+from small_runs import coarse_rivals, learned_from_few
 
 EVIL = "<script>alert(1)</script>"
 MEGABYTE = 1_000_000
@@ -89,7 +89,8 @@ def by_regret() -> Backtest:
 def compared() -> Comparison:
     problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
     settings = ComparisonSettings(budgets=(0.25, 0.5), repeats=(1, 5), draws=20)
-    return compare(problem, uniform_prior(2, 6), settings, rng=np.random.default_rng(0))
+    with learned_from_few():
+        return compare(problem, uniform_prior(2, 6), settings, rng=np.random.default_rng(0))
 
 
 @pytest.fixture(scope="module")

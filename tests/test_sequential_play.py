@@ -27,7 +27,7 @@ from inscrutable.reports import comparison_plots
 from inscrutable.reports.comparison import notes_of, short_table, terminal_table
 from inscrutable.reports.page import comparison_page
 from sizes import some
-from small_runs import draft_simulations
+from small_runs import draft_simulations, learned_from_few
 
 
 @cache
@@ -50,7 +50,7 @@ def play() -> SequentialPlay:
 
 @pytest.fixture
 def drafts() -> Iterator[None]:
-    with draft_simulations():
+    with draft_simulations(), learned_from_few():
         yield
 
 

@@ -11,6 +11,7 @@ from inscrutable import InputError, ModelError, Study
 from inscrutable.experiments.comparison import ComparisonSettings, compare, makers_of
 from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.tasks import Work
+from small_runs import learned_from_few
 
 PLAN: dict[str, Any] = {
     "name": "remembered",
@@ -44,14 +45,15 @@ def check_as_compared(runner: GridRunner, names: list[str], near: float) -> None
     setting = runner.setting((0, 0, 0, 0, 0))
     settings = ComparisonSettings(budgets=(0.5,), unit="silence", repeats=(1,), draws=10)
     assert setting.chain is not None
-    rows = compare(
-        setting.problem,
-        setting.chain,
-        settings,
-        makers=makers_of(names),
-        candidates=setting.candidates,
-        rng=np.random.default_rng(1),
-    )
+    with learned_from_few():
+        rows = compare(
+            setting.problem,
+            setting.chain,
+            settings,
+            makers=makers_of(names),
+            candidates=setting.candidates,
+            rng=np.random.default_rng(1),
+        )
     for number in range(len(runner.grid)):
         task = runner.grid.task(number)
         maker, observer = runner.grid.plays[task.places[5]][0].data, runner.grid.adversaries[task.places[6]].data

@@ -53,7 +53,7 @@ MEGABYTE = 1_000_000
 VOID = {"meta", "link", "input", "br", "img"}
 
 
-def backtest(regimes: int, budget: Budget | float = 0.05, **settings: Any) -> Backtest:
+def backtest(regimes: int, budget: Budget | float = 0.05, *, beliefs: int = 60, **settings: Any) -> Backtest:
     rng = np.random.default_rng(0)
     rows = 120
     regime = (np.arange(rows) // 8) % 3
@@ -64,7 +64,7 @@ def backtest(regimes: int, budget: Budget | float = 0.05, **settings: Any) -> Ba
     )
     asked = {"sequential": False, **settings}
     chosen = BacktestSettings(regimes=regimes, train_until="2008-12", budget=budget, **asked)  # type: ignore[arg-type]
-    with coarse_rivals():
+    with coarse_rivals(beliefs):
         return run_backtest(frame, chosen, restarts=2)
 
 
@@ -76,13 +76,13 @@ def found() -> Backtest:
 @pytest.fixture(scope="module")
 def missed() -> Backtest:
     """A goal that is met or missed, at no budget."""
-    return backtest(3, 0.0, measure=NonExistence())
+    return backtest(3, 0.0, beliefs=20, measure=NonExistence())
 
 
 @pytest.fixture(scope="module")
 def by_regret() -> Backtest:
     """Two regimes and a budget of regret."""
-    return backtest(2, Budget.regret(0.002))
+    return backtest(2, Budget.regret(0.002), beliefs=20)
 
 
 @pytest.fixture(scope="module")

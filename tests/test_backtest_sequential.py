@@ -27,7 +27,7 @@ from inscrutable.reports.backtest import notes_of, summary_data, table_of, text_
 from inscrutable.reports.backtest_verdict import limits, verdict
 from small_runs import coarse_rivals, short_simulations
 
-TRAINING, DECISIONS, GRID = 480, 240, 12
+TRAINING, DECISIONS, GRID = 480, 120, 12
 SETTINGS = BacktestSettings(regimes=2, train_until="2039-12")
 
 

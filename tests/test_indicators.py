@@ -24,6 +24,7 @@ from inscrutable import (
     random_candidates,
 )
 from inscrutable.adversaries.plausibility import nearest_explanation
+from inscrutable.decision_makers import indicator_search
 from inscrutable.decision_makers.candidate_sources import near_decoys
 from inscrutable.decision_makers.indicators import Indicator, cheapest_candidates
 from inscrutable.geometry import BeliefSet
@@ -152,26 +153,25 @@ def test_the_search_begins_at_the_cheapest_candidate_by_enumeration(measure):
     goal = Indicator(problem, measure)
     beliefs = beliefs_of(3)
     optimal = problem.optimal_cost(beliefs)
+    sets = [consistent_beliefs(problem, action) for action in candidates.actions]
+    met = [[bool(usable) and measure(belief, found) == 0.0 for usable, found in zip(candidates.usable, sets, strict=True)]
+           for belief in beliefs]  # fmt: skip
     for limit in (np.inf, 0.3, 0.003):
         numbers, reached = cheapest_candidates(goal, candidates, beliefs, optimal, np.full(len(beliefs), limit))
         for step, belief in enumerate(beliefs):
             regrets = candidates.state_costs @ belief - optimal[step]
-            meets = [
-                bool(candidates.usable[i]) and measure(belief, consistent_beliefs(problem, action)) == 0.0
-                for i, action in enumerate(candidates.actions)
-            ]
-            allowed = regrets[np.array(meets) & (regrets <= limit)]
+            allowed = regrets[np.array(met[step]) & (regrets <= limit)]
             if not allowed.size:
                 assert numbers[step] == -1
                 continue
             assert reached[step] == pytest.approx(max(allowed.min(), 0.0), abs=1e-14)
-            assert meets[numbers[step]]
+            assert met[step][numbers[step]]
 
 
 @pytest.mark.parametrize("measure", [NonUniqueness(), NonExistence(), Infeasibility()], ids=repr)
 def test_what_is_chosen_meets_the_goal_within_the_budget(measure):
     problem = problem_of("plain")
-    beliefs = beliefs_of(3)
+    beliefs = beliefs_of(3, 2)
     chooser = CounterAdversarialDecisionMaker(problem, measure, Budget.regret(1e-3))
     found = chooser.decide_many(beliefs)
     mixed = ProbabilisticDecisionMaker(problem, measure, Budget.regret(1e-3)).decide_many(beliefs)
@@ -204,25 +204,27 @@ def test_margins_are_not_mixed_up():
 @pytest.mark.parametrize("measure", [NonUniqueness(), NonExistence(), Infeasibility()], ids=repr)
 def test_the_same_bytes_for_any_number_of_threads(monkeypatch, measure):
     problem = problem_of("plain")
-    beliefs = np.random.default_rng(1).dirichlet(np.ones(3), 70)
+    beliefs = np.random.default_rng(1).dirichlet(np.ones(3), 12)
+    monkeypatch.setattr(indicator_search, "_CHUNK", 3)
     answers = set()
     for threads in ("1", "4"):
         monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
-        candidates = near_decoys(problem, 300) if isinstance(measure, Infeasibility) else decoy_grid(problem, 12)
+        candidates = near_decoys(problem, 60) if isinstance(measure, Infeasibility) else decoy_grid(problem, 12)
         found = CounterAdversarialDecisionMaker(problem, measure, candidates=candidates).decide_many(beliefs)
         answers.add(found.action.tobytes() + found.regret.tobytes() + found.decoy.tobytes())
     assert len(answers) == 1
 
 
 @pytest.mark.parametrize("measure", [NonExistence(), Infeasibility()], ids=repr)
-def test_progress_ends_at_the_end_and_an_interrupt_is_passed_on(measure):
+def test_progress_ends_at_the_end_and_an_interrupt_is_passed_on(measure, monkeypatch):
+    monkeypatch.setattr(indicator_search, "_CHUNK", 3)
     problem = problem_of("plain")
-    beliefs = np.random.default_rng(1).dirichlet(np.ones(3), 40)
+    beliefs = np.random.default_rng(1).dirichlet(np.ones(3), 8)
     chooser = CounterAdversarialDecisionMaker(problem, measure, candidates=random_candidates(
         problem, 20, rng=np.random.default_rng(2)))  # fmt: skip
     seen = []
     chooser.decide_many(beliefs, progress=lambda done, of: seen.append((done, of)))
-    assert seen[-1] == (40, 40)
+    assert seen[-1] == (8, 8)
     assert seen == sorted(seen)
 
     def interrupt(done, of):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -123,7 +125,8 @@ def test_two_states_meet_the_closed_form(regret: float, flip: float) -> None:
     maker = SequentialDecisionMaker(
         TWO, Budget.regret(regret), chain=chain, information_price=ALONE, rng=np.random.default_rng(0)
     )
-    assert maker.calibration.regret_prices[0] == pytest.approx(np.log((1 - regret) / regret), rel=0.02)
+    with draft_simulations():
+        assert maker.calibration.regret_prices[0] == pytest.approx(np.log((1 - regret) / regret), rel=0.02)
     sequence = maker.begin()
     for action in (0, 1, 1, 0):
         sequence.publish(action)
@@ -138,9 +141,10 @@ def test_two_states_meet_the_closed_form(regret: float, flip: float) -> None:
     assert now.regret == pytest.approx(regret, rel=0.01)
 
 
-@pytest.mark.parametrize("told", some([ALONE, 0.3, 0.1], 2))
-def test_the_budget_is_met_on_fresh_seeds(fresh_rng: np.random.Generator, told: float) -> None:
-    problem, chain = market(np.random.default_rng(7))
+@pytest.mark.parametrize(("told", "near"), some([(ALONE, 0.025), (0.3, 0.05), (0.1, 0.05)], 2))
+def test_the_budget_is_met_on_fresh_seeds(fresh_rng: np.random.Generator, told: float, near: float) -> None:
+    """Up to five standard errors of 32 independent paths of a chain that forgets fast; of one path all steps are correlated."""
+    problem, chain = market(np.random.default_rng(7), stay=0.5)
     candidates = decoy_grid(problem, 6)
     regrets = chain.prior.beliefs @ candidates.state_costs.T - problem.optimal_cost(chain.prior.beliefs)[:, None]
     half = 0.5 * float((chain.prior.weights @ regrets).min())
@@ -152,18 +156,15 @@ def test_the_budget_is_met_on_fresh_seeds(fresh_rng: np.random.Generator, told: 
         information_price=told * chain.prior.error**2,
         rng=fresh_rng,
     )
-    found = maker.calibration
-    # Regrets of one path are correlated over more than twenty steps, so that its blocks understate the error by half: the means
-    # of independent paths do not.
+    with draft_simulations():
+        found = maker.calibration
+    assert found.regret_se <= 1e-3 * half
     paths = [
-        maker.decide_path(chain.prior.beliefs[places], rng=fresh_rng)
-        for places in chain.paths(140, 24, rng=fresh_rng).T
+        maker.decide_path(chain.prior.beliefs[places], rng=fresh_rng) for places in chain.paths(38, 32, rng=fresh_rng).T
     ]
-    spent = np.array([path.expected_regrets[40:].mean() for path in paths])
-    error = float(np.hypot(spent.std(ddof=1) / np.sqrt(len(spent)), found.regret_se))
-    assert abs(spent.mean() - half) <= 4 * error
-    assert all(len(path) == 140 and path.n_off_grid == 0 for path in paths)
-    assert np.mean([path.losses[40:].mean() for path in paths]) == pytest.approx(found.loss, rel=0.15)
+    assert np.mean([path.expected_regrets[8:].mean() for path in paths]) == pytest.approx(half, rel=near)
+    assert all(len(path) == 38 and path.n_off_grid == 0 for path in paths)
+    assert np.mean([path.losses[8:].mean() for path in paths]) == pytest.approx(found.loss, rel=0.15)
     assert found.loss - 4.0 * found.loss_se <= maker.ceiling
 
 
@@ -372,7 +373,7 @@ def test_a_belief_off_the_grid_is_answered_and_counted(fresh_rng: np.random.Gene
 def saved(maker: SequentialDecisionMaker, path: Path, rng: np.random.Generator) -> DecisionSequence:
     sequence = maker.begin()
     for _ in range(3):
-        sequence.publish(sequence.decide(maker.beliefs[3]).sample(rng=rng).action)
+        sequence.publish(sequence.decide(maker.beliefs[1]).sample(rng=rng).action)
     sequence.save(path)
     return sequence
 
@@ -415,34 +416,69 @@ def test_a_state_of_another_version_is_refused(
     assert path.read_bytes() == held
 
 
+SERVING = """
+import sys
+for line in sys.stdin:
+    exec(eval(line))
+"""
+
+
+@pytest.fixture(scope="module")
+def other() -> Iterator[Callable[[str], str]]:
+    """Another process, which imports what it needs once: it runs some code, and what that prints in a line comes back."""
+    run = [sys.executable, "-c", SERVING]
+    with subprocess.Popen(run, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        sent, said = process.stdin, process.stdout
+        assert sent is not None
+        assert said is not None
+
+        def told(code: str) -> str:
+            print(repr(code), file=sent, flush=True)
+            return said.readline()
+
+        yield told
+        sent.close()
+        assert process.wait(60) == 0
+
+
+def maker_of_two() -> SequentialDecisionMaker:
+    prices = PriceCalibration.at(np.log(3.0), ALONE)
+    chain = resting_chain(Prior(np.eye(2), [0.5, 0.5]), 0.8)
+    return SequentialDecisionMaker(
+        TWO, Budget.regret(0.25), chain=chain, calibration=prices, rng=np.random.default_rng(0)
+    )
+
+
 DYING = """
-import os, signal, sys
+import os, signal
 import numpy as np
-from test_sequential_decisions import maker_of
-maker = maker_of(np.random.default_rng(0))
-for moment in sys.argv[2:]:
+from inscrutable import Budget, FiniteProblem, PriceCalibration, Prior, SequentialDecisionMaker
+from inscrutable.mechanisms.chains import resting_chain
+ALONE, TWO = float("inf"), FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
+{maker}
+maker, died = maker_of_two(), []
+for moment in ("fsync", "replace"):
     child = os.fork()
     if not child:
-        sequence = maker.begin().load(sys.argv[1])
-        sequence.publish(sequence.decide(maker.beliefs[3]).actions[0])
+        sequence = maker.begin().load({path!r})
+        sequence.publish(sequence.decide(maker.beliefs[0]).actions[0])
         setattr(os, moment, lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL))
-        sequence.save(sys.argv[1])
+        sequence.save({path!r})
         os._exit(0)
-    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+    died.append(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+print(*died, flush=True)
 """
 
 
 @pytest.mark.skipif(os.name == "nt", reason="processes of POSIX")
-def test_a_kill_while_a_state_is_written_leaves_the_old_one(tmp_path: Path) -> None:
-    """Twice, at different moments; one process imports what both of its copies need."""
-    path, maker = tmp_path / "state.npz", maker_of(np.random.default_rng(0))
+def test_a_kill_while_a_state_is_written_leaves_the_old_one(other: Callable[[str], str], tmp_path: Path) -> None:
+    """Twice, at different moments, in two copies of the other process."""
+    path, maker = tmp_path / "state.npz", maker_of_two()
     sequence = saved(maker, path, np.random.default_rng(1))
     sequence.close()
     held = path.read_bytes()
-    run = [sys.executable, "-c", DYING, str(path), "fsync", "replace"]
-    place = {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
-    said = subprocess.run(run, env=os.environ | place, capture_output=True, text=True)
-    assert said.stdout.split() == 2 * [str(-signal.SIGKILL.value)], said.stderr
+    said = other(DYING.format(maker=inspect.getsource(maker_of_two), path=str(path)))
+    assert said.split() == 2 * [str(-signal.SIGKILL.value)]
     assert path.read_bytes() == held
     assert maker.begin().load(path).summary() == sequence.summary()
 
@@ -464,38 +500,32 @@ def test_what_the_law_cannot_take_leaves_the_sequence_as_it_was(fresh_rng: np.ra
 
 
 LOCKING = """
-import sys
 from pathlib import Path
 from inscrutable.decision_makers.sequential.lock import FileLock
 try:
-    FileLock(Path(sys.argv[1]))
+    FileLock(Path({path!r}))
     print("not refused", flush=True)
 except Exception as error:
     print(error, flush=True)
-    kept = open(sys.argv[1] + ".txt", "w")
+    kept = open({path!r} + ".txt", "w")
+"""
+
+LOCKED = """
 kept.write("A refused lock closes no file that was opened since.")
 kept.close()
-sys.stdin.readline()
-lock = FileLock(Path(sys.argv[1]))
+lock = FileLock(Path({path!r}))
 print("locked", flush=True)
 """
 
 
-def test_a_second_process_is_refused(fresh_rng: np.random.Generator, tmp_path: Path) -> None:
+def test_a_second_process_is_refused(
+    other: Callable[[str], str], fresh_rng: np.random.Generator, tmp_path: Path
+) -> None:
     path = tmp_path / "state.npz"
     sequence = saved(maker_of(fresh_rng), path, fresh_rng)
-    with subprocess.Popen(
-        [sys.executable, "-c", LOCKING, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as other:
-        assert other.stdin is not None
-        assert other.stdout is not None
-        assert "in use by another process" in other.stdout.readline()
-        sequence.close()
-        other.stdin.write("again\n")
-        other.stdin.flush()
-        assert other.stdout.readline() == "locked\n"
-        other.stdin.close()
-        assert other.wait(60) == 0
+    assert "in use by another process" in other(LOCKING.format(path=str(path)))
+    sequence.close()
+    assert other(LOCKED.format(path=str(path))) == "locked\n"
 
 
 @pytest.mark.parametrize(

@@ -297,7 +297,7 @@ class SequentialDecisionMaker(Described):
             now = sequence.expected
             bits[t], expected[t], own[t] = now.bits, now.regret, now.own_regret
             regrets[t] = lottery.regrets[atom]
-            sequence.publish(lottery.actions[atom], as_nearest=not sequence.could_play(lottery.actions[atom]))
+            sequence.publish(lottery.actions[atom], as_nearest=True)
             points.append(lottery.actions[atom])
             means[t], losses[t] = knowledge.after(sequence.observer.weights, None if read is None else int(read[t]))
         return PathDecisions(

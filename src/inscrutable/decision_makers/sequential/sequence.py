@@ -208,7 +208,7 @@ class DecisionSequence(Summarised, KeptInFile):
 
     def could_play(self, action: ArrayLike) -> bool:
         """Return whether some belief that is still possible plays a decision at this step."""
-        return self._place(action)[1]
+        return self._place(action)[2]
 
     def publish(self, action: ArrayLike, *, as_nearest: bool = False) -> None:
         """Record the decision of this step, which is then public.
@@ -221,7 +221,7 @@ class DecisionSequence(Summarised, KeptInFile):
         Raises:
             InputError: The decision is malformed, or the rule could not have played it; nothing is recorded then.
         """
-        place, possible = self._place(action)
+        point, place, possible = self._place(action)
         if not possible and not as_nearest:
             raise InputError(
                 f"the rule could not have played {np.asarray(action)} at this step: draw from decide(), or pass "
@@ -233,7 +233,7 @@ class DecisionSequence(Summarised, KeptInFile):
             self._kept = int(step.numbers[place])
         self.total_regret += step.regret
         self.total_bits += step.bits
-        self._latest = self._table.columns.problem.check_action(action)
+        self._latest = point
         self.n_published += 1
         self.n_approximate += not possible
         self.n_off_grid += self._is_off_grid
@@ -285,13 +285,13 @@ class DecisionSequence(Summarised, KeptInFile):
             self._step = self._rule.step(law, self._kept) if self.is_shown else hidden_step(self._table, law)
         return self._step
 
-    def _place(self, action: Any) -> tuple[int, bool]:
-        """The number of this step's value nearest to a decision, and whether it is exact; a hidden decision has none."""
+    def _place(self, action: Any) -> tuple[Array, int, bool]:
+        """A decision as a point, the number of this step's nearest value, and whether it is exact; a hidden one has none."""
         point = self._table.columns.problem.check_action(action)  # before time passes
         step = self._now()
         played = np.flatnonzero(step.played > 0)
         place, gap = self._table.nearest(point, step.numbers[played])
-        return int(played[place]), step.is_hidden or gap <= tolerances.SAME_ACTION
+        return point, int(played[place]), step.is_hidden or gap <= tolerances.SAME_ACTION
 
     def save(self, path: PathLike) -> None:
         """Write the sequence's memory to `path` atomically, and lock the file for other processes until `close`.

@@ -212,12 +212,12 @@ def test_lifted_limits_are_the_rows_of_all_signs(fresh_rng):
             found = consistent_beliefs(second, action).bounds()
             np.testing.assert_allclose(found, consistent_beliefs(first, action).bounds(), atol=1e-8)
         check_decision_problem(second)
-        drawn = random_candidates(second, 200, rng=rng)
+        drawn = random_candidates(second, 80, rng=rng)
         assert (rows.violation(drawn.actions) <= 1e-8).all()
         assert np.ptp(drawn.actions, axis=0).min() > 0.05 * np.ptp(rows.bounding_box, axis=1).min()
 
 
-@pytest.mark.parametrize("seed", [1696144831, 4041681878, None])
+@pytest.mark.parametrize("seed", some([1696144831, 4041681878, None], 2))
 def test_what_is_hidden_under_lifted_limits_is_proved(seed, fresh_rng):
     rng, size = fresh_rng if seed is None else np.random.default_rng(seed), 5
     previous = np.append(0.0, rng.dirichlet(np.ones(size - 1)))

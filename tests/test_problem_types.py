@@ -264,7 +264,7 @@ def test_linear_problems_downstream():
     rng = np.random.default_rng(3)
     problem = LinearProblem(rng.normal(size=(3, 5)), simplex(5) & box([0] * 5, [0.5] * 5))
     belief = np.array([0.3, 0.3, 0.4])
-    corners = vertices_of(problem.constraints)
+    corners = np.unique(vertices_of(problem.constraints), axis=0)
     regrets = corners @ problem.costs.T @ belief - float(problem.optimal_cost(belief))
     # All beliefs that explain a mixture of vertices explain each of them; near one of these it has their regret.
     tied = [list(some) for size in (1, 2, 3) for some in combinations(range(len(corners)), size)]

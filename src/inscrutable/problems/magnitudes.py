@@ -197,14 +197,18 @@ class MagnitudeRegion(Polyhedron):
 
     def _within(self, points: Array, directions: Array, steps: Array) -> Array:
         """The longest steps (n,) up to given ones that keep the limits."""
-        short, long = np.zeros(len(points)), np.maximum(steps, 0.0)
-        for _ in range(_HALVINGS):
-            kept = self.excess(points + long[:, None] * directions).max(axis=1) <= tolerances.FEASIBILITY
+        long = np.maximum(steps, 0.0)
+        kept = self._keeps(points + long[:, None] * directions)
+        short = np.where(kept, long, 0.0)
+        for _ in range(0 if kept.all() else _HALVINGS):
             middle = 0.5 * (short + long)
-            inside = self.excess(points + middle[:, None] * directions).max(axis=1) <= tolerances.FEASIBILITY
-            short = np.where(kept, long, np.where(inside, middle, short))
-            long = np.where(kept | inside, long, middle)
+            inside = self._keeps(points + middle[:, None] * directions)
+            short, long = np.where(inside, middle, short), np.where(inside, long, middle)
         return short
+
+    def _keeps(self, points: Array) -> np.ndarray:
+        """Whether decisions (n,U) keep the limits."""
+        return np.asarray(self.excess(points).max(axis=1) <= tolerances.FEASIBILITY)
 
     def __and__(self, other: Polyhedron) -> Polyhedron:
         """Return the intersection with other rows or limits, coordinates aligned by their names."""

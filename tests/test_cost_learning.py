@@ -15,7 +15,7 @@ from inscrutable import (
     consistent_beliefs,
     simplex,
 )
-from sizes import instances
+from sizes import instances, some
 
 BOUNDS = (0.05, 50.0)
 
@@ -238,7 +238,7 @@ def test_the_low_end_of_a_wide_interval_is_as_well_known_as_the_high_one() -> No
 
 
 def test_a_cost_that_is_identified_explains_the_decision_it_was_learned_from():
-    for seed in range(60):
+    for seed in some(range(60), 5):
         rng = np.random.default_rng(seed)
         means, factors = rng.normal(size=(1, 6)), rng.normal(size=(1, 6, 6))
         covariances, aversion = factors @ factors.swapaxes(1, 2) / 6, 10 ** rng.uniform(-1, 1)

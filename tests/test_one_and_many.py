@@ -34,7 +34,7 @@ from inscrutable import (
     simplex,
     uniform_prior,
 )
-from inscrutable.decision_makers.candidate_sources import default_decoys
+from inscrutable.decision_makers.candidate_sources import default_decoys, near_decoys
 from inscrutable.decision_makers.probabilistic import LinearProgramme
 from oracles.large_markets import large_market
 from oracles.markets import random_market
@@ -140,7 +140,7 @@ def makers(problem):
     )
     yield lambda: OriginalDecisionMaker(problem)
     for measure in measures:
-        given = few if not measure.searches_actions else {}
+        given = few if not measure.searches_actions else {"candidates": near_decoys(problem, 60)}
         yield lambda measure=measure, given=given: CounterAdversarialDecisionMaker(problem, measure, **given)
         yield lambda measure=measure, given=given: ProbabilisticDecisionMaker(problem, measure, **given)
     yield lambda: ProbabilisticDecisionMaker(problem, method=LinearProgramme(), **few)

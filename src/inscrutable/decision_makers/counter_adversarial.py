@@ -167,6 +167,7 @@ def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> D
     )
 
 
+_DISTANCES = MaximalObfuscation, DesiredObfuscation
 _KINDS = np.array([DecisionStatus.POLISHED, DecisionStatus.NO_AFFORDABLE_PRIVACY, DecisionStatus.OPTIMAL], dtype=object)
 
 
@@ -174,7 +175,8 @@ def _best_at(case: Case, step: int, belief: Array) -> Decision:
     """The best decision of one belief; the latest are kept with the candidates, for other decision makers."""
     at_step = replace(case, measure=case.measure.at_step(step))
     reference = at_step.measure.reference(belief)
-    goal = at_step.measure if reference is None else (type(case.measure), reference.point.tobytes(), reference.sign)
+    is_known = type(case.measure) in _DISTANCES
+    goal = at_step.measure if reference is None or not is_known else (reference.point.tobytes(), reference.sign)
     key = (belief.tobytes(), case.budget, goal, case.on_empty)
     return case.candidates.once(key, lambda: _search(at_step, belief, reference))
 
@@ -189,7 +191,7 @@ def _search(case: Case, belief: Array, reference: Reference | None) -> Decision:
         return cheapest_by_search(case, belief[None], best_decisions).decisions()[0]
     if reference is not None and case.on_empty == "exclude" and quadratic is not None:
         found = _searched(case, belief[None])[0]
-        if type(case.measure) not in (MaximalObfuscation, DesiredObfuscation):
+        if type(case.measure) not in _DISTANCES:
             # The measure may be a function of a distance without being equal to it.
             privacy = float(case.measure(belief, found.belief_set))
             found = replace(found, privacy=privacy, privacy_bound=max(case.measure.upper_bound(belief), privacy))

@@ -511,7 +511,8 @@ def test_what_a_simulated_observer_holds(name: str, objective: str) -> None:
             ((each @ np.linalg.inv(of)) * each).sum(axis=1)
             for each, of in ((expected, law.before), (missed, law.covariance))
         ]
-        batches = np.array([part.mean() for part in np.array_split(0.5 * (terms[0] - terms[1]) / np.log(2.0), len(means) // 100)])
+        parts = np.array_split(0.5 * (terms[0] - terms[1]) / np.log(2.0), len(means) // 100)
+        batches = np.array([part.mean() for part in parts])
         assert abs(bits - maker.bits) <= 3.0 * batches.std(ddof=1) / np.sqrt(len(batches))
 
 

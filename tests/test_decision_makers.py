@@ -458,7 +458,7 @@ def test_more_starts_never_hurt_and_never_beat_the_global_search(small):
     problem = MarkowitzProblem(*markets.random_market(np.random.default_rng(21), 3, 3))
     best = CounterAdversarialDecisionMaker(problem).decide(beliefs[1])
     found: list[float] = []
-    for n_starts in (1, 5, 20):
+    for n_starts in (1, 4, 12):
         method = LocalSearch(n_starts=n_starts, rng=np.random.default_rng(5))
         decision = CounterAdversarialDecisionMaker(problem, method=method).decide(beliefs[1])
         check_decision(problem, MaximalObfuscation(), beliefs[1], decision, 0.1 * abs(decision.optimal_cost))
@@ -466,7 +466,7 @@ def test_more_starts_never_hurt_and_never_beat_the_global_search(small):
         found.append(decision.privacy)
     assert found[0] <= found[1] + 1e-12 <= found[2] + 2e-12
     assert max(found) <= best.privacy + 1e-6
-    again = CounterAdversarialDecisionMaker(problem, method=LocalSearch(5, rng=np.random.default_rng(5)))
+    again = CounterAdversarialDecisionMaker(problem, method=LocalSearch(4, rng=np.random.default_rng(5)))
     assert again.decide(beliefs[1]).privacy == found[1]
 
 

@@ -105,8 +105,8 @@ def test_the_noise_of_a_sensor_is_calibrated_from_a_linear_decision() -> None:
         return LinearGaussianWorld([[0.9]], [[0.3]], [[1.0]], [[spread**2]], ([0.0], [[1.0]]))
 
     rng = np.random.default_rng(5)
-    path = world(0.8).sample(400, rng=rng)
-    decisions = 2.0 * kalman_filter(world(0.8), path.observations).means + 0.1 * rng.normal(size=(400, 1))
+    path = world(0.8).sample(250, rng=rng)
+    decisions = 2.0 * kalman_filter(world(0.8), path.observations).means + 0.1 * rng.normal(size=(250, 1))
     family = SensorFamily(world, [[0.2, 3.0]], ["spread"])
     found = calibrate_sensor(decisions, path.states, LinearView([[2.0]], [[0.01]]), family, world=world(1.0))
     assert found.is_identified

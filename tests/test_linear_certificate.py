@@ -193,7 +193,7 @@ def test_one_state_hides_nothing():
 def test_four_states_within_the_limit_of_calls():
     rng = np.random.default_rng(8)
     problem = LinearProblem(rng.normal(size=(4, 10)), simplex(10) & box([0.0] * 10, [0.4] * 10))
-    for belief in rng.dirichlet(np.ones(4), 3):
+    for belief in rng.dirichlet(np.ones(4), instances(3, least=2)):
         single, mixed = proved(problem, belief, 0.05)
         assert single.status in (DecisionStatus.PROVED, DecisionStatus.GAP_REACHED)
         assert mixed.privacy_bound <= 1.0101 * mixed.expected_privacy
@@ -288,17 +288,17 @@ def test_linear_costs_written_in_cvxpy_are_proved_as_such():
 
 
 def test_cells_that_are_too_many_are_left_to_branch_and_bound():
-    problem, belief = LinearProblem(np.random.default_rng(6).normal(size=(3, 8)), box([-1.0] * 8, [1.0] * 8)), np.eye(3)
+    problem, belief = LinearProblem(np.random.default_rng(6).normal(size=(3, 7)), box([-1.0] * 7, [1.0] * 7)), np.eye(3)
     middle = belief.mean(axis=0)
     exact, _ = proved(problem, middle, 0.3)
     method = GlobalSearch(certify=0.01, max_oracle_calls=20)
     few = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(0.3), method=method).decide(middle)
     assert few.privacy_bound >= exact.privacy_bound - 1e-9
     assert few.status is DecisionStatus.BOUNDED
-    choices = FiniteProblem(np.random.default_rng(7).uniform(size=(3, 12)))
+    choices = FiniteProblem(np.random.default_rng(7).uniform(size=(3, 9)))
     faces = decoy_grid(choices, 2, faces=True)
     left = CounterAdversarialDecisionMaker(choices, budget=Budget.regret(0.1), candidates=faces, method=method)
-    best, _ = tied.suprema(LinearProblem(choices.costs, simplex(12)), middle, 0.1)
+    best, _ = tied.suprema(LinearProblem(choices.costs, simplex(9)), middle, 0.1)
     assert left.decide(middle).privacy_bound >= best - 1e-9
 
 

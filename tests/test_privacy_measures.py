@@ -244,17 +244,17 @@ def growth_hidden():
         returns = np.tile(1.01 + 0.05 * rng.normal(size=(12, n_assets)), (n_states, 1, 1))
         problem = KellyProblem(returns, rng.dirichlet(np.ones(12), n_states))
         belief = rng.dirichlet(np.ones(n_states))
-        given = {"budget": Budget.regret(float(rng.uniform(1e-4, 1e-3))), "candidates": decoy_grid(problem, 10)}
-        found = CounterAdversarialDecisionMaker(problem, MaximalObfuscation(), **given).decide(belief)
-        cases.append((problem, given, belief, found.privacy))
+        chosen = {"budget": Budget.regret(float(rng.uniform(1e-4, 1e-3))), "candidates": decoy_grid(problem, 10)}
+        found = CounterAdversarialDecisionMaker(problem, MaximalObfuscation(), **chosen).decide(belief)
+        cases.append((problem, chosen, belief, found.privacy))
     return cases
 
 
 @pytest.mark.parametrize("factor", [0.01, 10.0])
 def test_a_measure_in_other_units_has_the_same_decision(factor):
     """Of the same candidates, which keep the searches of each."""
-    for problem, given, belief, privacy in growth_hidden():
-        other = CounterAdversarialDecisionMaker(problem, InOtherUnits(factor), **given).decide(belief)
+    for problem, chosen, belief, privacy in growth_hidden():
+        other = CounterAdversarialDecisionMaker(problem, InOtherUnits(factor), **chosen).decide(belief)
         assert other.privacy == pytest.approx(factor * privacy, rel=1e-9)
 
 

@@ -25,6 +25,7 @@ from inscrutable import (
     decoy_grid,
     uniform_prior,
 )
+from inscrutable.decision_makers.candidate_sources import default_decoys
 
 FIELDS = (
     "action", "actions", "probabilities", "regret", "regrets", "privacy", "privacies", "privacy_bound", "cost",
@@ -40,15 +41,16 @@ def market(rng: np.random.Generator, n_states: int) -> MarkowitzProblem:
 def makers_for(problem: Any) -> dict[str, Any]:
     n_states = problem.n_states
     candidates, prior = decoy_grid(problem, 5), uniform_prior(n_states, 5)
+    shared = default_decoys(problem)
     target = DesiredObfuscation(np.eye(n_states)[0])
     found = {
         "original": OriginalDecisionMaker(problem),
         "single": CounterAdversarialDecisionMaker(problem),
-        "single, target": CounterAdversarialDecisionMaker(problem, target),
-        "single, goal": CounterAdversarialDecisionMaker(problem, NonExistence()),
+        "single, target": CounterAdversarialDecisionMaker(problem, target, candidates=shared),
+        "single, goal": CounterAdversarialDecisionMaker(problem, NonExistence(), candidates=shared),
         "single, of candidates": CounterAdversarialDecisionMaker(problem, candidates=candidates),
         "lottery": ProbabilisticDecisionMaker(problem),
-        "lottery, goal": ProbabilisticDecisionMaker(problem, NonExistence()),
+        "lottery, goal": ProbabilisticDecisionMaker(problem, NonExistence(), candidates=shared),
         "programme": ProbabilisticDecisionMaker(problem, candidates=candidates, method=LinearProgramme()),
         "rate-distortion": RateDistortionDecisionMaker(problem, 0.1, prior=prior, candidates=candidates),
         "Stackelberg": StackelbergDecisionMaker(problem, 0.1, prior=prior, candidates=candidates),

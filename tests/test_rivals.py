@@ -38,7 +38,7 @@ CHEAP = ["ODM", "rate-distortion", "coin", "CDM, candidates only"]
 @pytest.fixture(scope="module", autouse=True)
 def soon() -> Iterator[None]:
     """What is learned of the risk aversion has tests of its own, in test_comparison_watchers.py."""
-    with learned_from_few():
+    with learned_from_few(1):
         yield
 
 

@@ -171,7 +171,7 @@ def test_shared_decisions_of_growth_close_their_cells(seed, monkeypatch):
     problem = KellyProblem(returns, rng.dirichlet(np.ones(5), 3))
     belief, limit = rng.dirichlet(np.full(3, 3.0)), 0.002
     best = 0.0
-    for share in np.linspace(0, 1, 501):
+    for share in np.linspace(0, 1, 201):
         action = np.array([share, 1 - share])
         if problem.regret(belief, action) <= limit:
             found = consistent_beliefs(problem, action)

@@ -106,7 +106,7 @@ def proved(problem, belief, limit, lottery):
         made = ProbabilisticDecisionMaker(problem, budget=budget, certify=0.05).decide(belief)
         return made.expected_privacy, made.privacy_bound, made.status
     # A search that stops early states a wider bound, which must hold all the same.
-    calls = 300 if audited() or not isinstance(problem, ConvexProblem) else 80
+    calls = 300 if audited() or not isinstance(problem, ConvexProblem) else 40
     method = GlobalSearch(certify=0.05, max_oracle_calls=calls)
     made = CounterAdversarialDecisionMaker(problem, budget=budget, method=method).decide(belief)
     return made.privacy, made.privacy_bound, made.status

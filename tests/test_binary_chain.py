@@ -16,6 +16,7 @@ import pytest
 
 from inscrutable import Budget, FiniteProblem, PriceCalibration, Prior, SequentialDecisionMaker
 from inscrutable.mechanisms.chains import BeliefChain
+from sizes import paired
 
 N_STEPS = 5
 
@@ -68,8 +69,7 @@ def followed(rule: Any, flip: float) -> np.ndarray:
     return found
 
 
-@pytest.mark.parametrize("wrong", [0.05, 0.1, 0.25])
-@pytest.mark.parametrize("flip", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize(("flip", "wrong"), paired([0.05, 0.1, 0.2], [0.1, 0.25, 0.05]))
 def test_bits_regret_and_guesses_are_those_of_the_closed_form(flip: float, wrong: float) -> None:
     found = followed(rule_of(flip, wrong), flip)
     mixed = flip * (1.0 - wrong) + (1.0 - flip) * wrong

@@ -94,7 +94,7 @@ def test_shipped_decision_makers_keep_their_promises(name, number):
 
 
 def test_noise_with_a_seed_is_a_law():
-    check_decision_maker(DirichletDecisionMaker(MARKET, 10.0, rng=np.random.default_rng(0)))
+    check_decision_maker(DirichletDecisionMaker(MARKET, 10.0, rng=np.random.default_rng(0), n_draws=50))
 
 
 OBSERVERS = {

@@ -191,7 +191,7 @@ def cases() -> Iterator[object]:
                 yield pytest.param(kind, n_states, n_assets, budget, id=name)
 
 
-@pytest.mark.parametrize(("kind", "n_states", "n_assets", "budget"), some(list(cases()), 4))
+@pytest.mark.parametrize(("kind", "n_states", "n_assets", "budget"), some(list(cases()), 5))
 def test_what_is_stated_is_found_from_the_decision(
     kind: Callable[[Moments], Moments], n_states: int, n_assets: int, budget: float
 ) -> None:

@@ -19,6 +19,7 @@ from inscrutable import (
     turnover,
 )
 from oracles import consistent
+from sizes import instances
 
 ASSETS = ["Food", "Oil", "Gas", "Tech"]
 
@@ -49,7 +50,7 @@ def test_long_and_short_is_the_sum_of_magnitudes(net, shortable):
     region = long_short(ASSETS, gross=1.5, net=net, shortable=shortable)
     low, high = (net, net) if np.ndim(net) == 0 else net
     seen = set()
-    for _ in range(3000):
+    for _ in range(instances(3000)):
         point = rng.normal(size=4) * rng.uniform(0.1, 0.8)
         if shortable is not None and rng.random() < 0.7:
             point[[0, 3]] = np.abs(point[[0, 3]])

@@ -27,7 +27,7 @@ from inscrutable import (
 )
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.privacy import Loss
-from sizes import instances
+from sizes import audited, instances
 from small_runs import draft_simulations
 
 
@@ -228,7 +228,7 @@ def calibrated(
     assert found.regret <= maker.limit * 1.03
     at_spent = with_rival(Budget.regret(max(maker.limit, found.regret)), information_price=told)
     assert found.loss <= at_spent.ceiling + 4 * found.loss_se + 1e-3 * maker.table.unit
-    places = maker.chain.paths(200, 1, rng=rng)[:, 0]
+    places = maker.chain.paths(200 if audited() else 120, 1, rng=rng)[:, 0]
     at = [with_rival(given.budget, calibration=PriceCalibration.at(price, told)) for price in found.regret_prices]
     paths = [each.decide_path(each.beliefs[places], rng=rng) for each in at]
     mean = found.shares @ [path.losses.mean() for path in paths]

@@ -25,6 +25,7 @@ from inscrutable import (
     explain_action,
     near_optimal_beliefs,
     plausibility_gap,
+    random_candidates,
     simplex,
 )
 from oracles.markets import random_market
@@ -181,7 +182,8 @@ def test_a_privacy_can_be_asked_for_and_its_price_falls_to_what_the_search_needs
     goal = cheapest_privacy(problem, belief, NonExistence(margin=0.2), candidates=decoy_grid(problem, 12))
     assert goal.regret == pytest.approx(0.01, rel=1e-4)
     assert cheapest_privacy(problem, belief, privacy=0.0).regret == 0
-    assert cheapest_privacy(problem, belief, Infeasibility(margin=100.0)).regret == np.inf
+    apart = random_candidates(problem, 30, rng=np.random.default_rng(0))
+    assert cheapest_privacy(problem, belief, Infeasibility(margin=100.0), candidates=apart).regret == np.inf
     with pytest.raises(InputError, match="privacy must be"):
         cheapest_privacy(problem, belief, privacy="much")
 

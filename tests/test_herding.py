@@ -268,7 +268,7 @@ def test_randomised_response_jumps_where_theory_says() -> None:
         assert (began(above), began(below)) == (k, k + 1) == (n_above, n_below)
         assert below.right > above.right + 0.04  # less privacy, and still fewer right cascades
     values = []
-    for epsilon in (0.35, 0.45, 0.6, 0.7, 0.8, 1.0, 1.1, 1.2, 1.6, 3.0):
+    for epsilon in (0.35, 0.6, 0.7, 0.8, 1.1, 1.2, 3.0):
         found, _, right = randomised(epsilon)
         assert abs(found.right - right) < 1e-9
         assert found.none < 1e-9

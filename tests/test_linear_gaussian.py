@@ -171,7 +171,7 @@ def test_what_the_steady_filter_says_of_means_and_public_readings_is_so_in_simul
     part = PublicPart([[1.0, -1.0]])
     world = LinearGaussianWorld([[0.9, 0.2], [0.0, 0.7]], np.eye(2), np.eye(2), 0.5 * np.eye(2), public=part)
     steady = steady_filter(world)
-    path = world.sample(8_000, rng=rng)
+    path = world.sample(4_000, rng=rng)
     means = kalman_filter(world, path.observations).means[100:]
     news = means[1:] - means[:-1] @ world.transition.T
     told = path.public[101:] - means[:-1] @ steady.public_sensor.T

@@ -88,7 +88,7 @@ def test_the_noise_is_told_from_one_step_more_than_symbols() -> None:
     rng = np.random.default_rng(20261127)
     transition, sensor = UNDER_NOISE[3]
     found = []
-    for _ in range(150):
+    for _ in range(150 if audited() else 75):
         beliefs = [rng.dirichlet(np.full(3, 5.0))]
         for symbol in (0, 1, 2, 0):
             moved = (beliefs[-1] @ transition) * sensor[:, symbol]
@@ -142,7 +142,7 @@ def test_transitions_of_random_models_follow_from_beliefs_alone(
 def test_a_world_is_read_through_noise_with_intervals_by_bootstrap() -> None:
     rng = np.random.default_rng(4)
     beliefs, _ = path(TRANSITION, SENSOR, 300, rng)
-    found = estimate_world(blurred(beliefs, 1e-3, rng), n_symbols=3, n_bootstrap=20, rng=rng)
+    found = estimate_world(blurred(beliefs, 1e-3, rng), n_symbols=3, n_bootstrap=10, rng=rng)
     assert np.abs(found.world.transition - TRANSITION).max() <= 0.01
     low, high = found.transition_intervals[..., 0], found.transition_intervals[..., 1]
     assert (high - low).max() == pytest.approx(0.01, rel=0.9)
@@ -152,7 +152,7 @@ def test_a_world_is_read_through_noise_with_intervals_by_bootstrap() -> None:
 def test_intervals_cover_the_entries_where_frequencies_give_the_scales() -> None:
     rng = np.random.default_rng(8)
     held = []
-    for _ in range(40):
+    for _ in range(40 if audited() else 25):
         transition, sensor = rng.dirichlet(np.full(2, 3.0), 2), rng.dirichlet(np.full(4, 3.0), 2)
         beliefs, symbols = path(transition, sensor, 300, rng)
         found = estimate_sensor(beliefs, transition, n_symbols=4)
@@ -166,11 +166,11 @@ def test_intervals_cover_the_entries_where_frequencies_give_the_scales() -> None
 
 def test_bootstrap_intervals_are_as_wide_as_the_errors() -> None:
     errors, widths = [], []
-    for seed in range(6):
+    for seed in range(instances(6, least=4)):
         rng = np.random.default_rng(seed)
         beliefs, _ = path(TRANSITION, SENSOR, 300, rng)
         found = estimate_sensor(
-            blurred(beliefs, 1e-3, rng), TRANSITION, n_symbols=3, n_bootstrap=30, rng=np.random.default_rng(1)
+            blurred(beliefs, 1e-3, rng), TRANSITION, n_symbols=3, n_bootstrap=20, rng=np.random.default_rng(1)
         )
         order = min(permutations(range(3)), key=lambda o: np.linalg.norm(found.probabilities[:, list(o)] - SENSOR))
         errors.append(found.probabilities[:, list(order)] - SENSOR)
@@ -280,7 +280,7 @@ def test_malformed_input_is_named() -> None:
 def test_decisions_give_the_sensor_away_also_where_some_leave_intervals_of_beliefs(risk_aversion: float) -> None:
     transition, sensor = UNDER_NOISE[2]
     problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [0.3 * np.eye(2), 0.3 * np.eye(2)], risk_aversion)
-    beliefs, _ = path(transition, sensor, 60 if audited() else 36, np.random.default_rng(0))
+    beliefs, _ = path(transition, sensor, 60 if audited() else 24, np.random.default_rng(0))
     sets = [
         consistent_beliefs(problem, action) for action in OriginalDecisionMaker(problem).decide_many(beliefs).action
     ]

@@ -236,12 +236,9 @@ def wrong_at(places, instead):
 def test_what_only_rays_show(promise, places, instead, met):
     sound = Remembering()
     check_decision_problem(sound)
-    caught = []
-    for ray in sound.rays:
-        if np.abs(ray[0] - ray[-1]).max() > 0.2:
-            step = (ray[-1] - ray[0]) / 8
-            caught.append(met(wrong_at(ray[places], [ray[0] + share * step for share in instead])))
-    assert {promise} in caught
+    long = [(ray, (ray[-1] - ray[0]) / 8) for ray in sound.rays if np.abs(ray[0] - ray[-1]).max() > 0.2]
+    caught = (met(wrong_at(ray[places], [ray[0] + share * step for share in instead])) for ray, step in long)
+    assert any(each == {promise} for each in caught)
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")

@@ -278,7 +278,7 @@ def test_what_paths_tell_equals_enumeration(is_public: bool, fresh_rng: np.rando
 
 @pytest.mark.parametrize("is_public", [False, True])
 def test_sampled_paths_agree_with_all_of_them(is_public: bool, fresh_rng: np.random.Generator) -> None:
-    chain, n_steps = random_chain(fresh_rng, 4), (7 if is_public else 6) if audited() else 5
+    chain, n_steps = random_chain(fresh_rng, 4), 7 if is_public and audited() else 6
     n_actions, n_memories = (2, 2) if is_public else (5, 1)
     plays = random_memory(fresh_rng, chain.prior.beliefs, n_actions, n_memories, is_public=is_public)
     exact = path_leakage(chain, plays, n_steps, rng=fresh_rng, n_draws=100_000)

@@ -347,7 +347,7 @@ def test_pieces_of_hubers_function_are_not_taken_for_one_quadratic():
 
 @pytest.mark.parametrize("scale", [1e-5, 1.0, 1e3])
 def test_an_optimal_decision_is_explained_whatever_the_scale_of_costs_with_kinks(scale):
-    for seed in range(6):
+    for seed in range(instances(6)):
         rng, u = np.random.default_rng(seed), cp.Variable(3)
         costs = [scale * cp.max(rng.normal(size=(4, 3)) @ u + rng.normal(size=4)) for _ in range(3)]
         belief = rng.dirichlet(np.ones(3))

@@ -38,7 +38,7 @@ from inscrutable import (
 )
 from inscrutable.mechanisms.chains import resting_chain
 from oracles import markets
-from sizes import instances
+from sizes import instances, paired
 from strategies import SEEDS
 from test_leakage import drawn
 from test_rate_distortion import market, silence
@@ -159,8 +159,7 @@ def makers_on(problem, prior, candidates, limit):
         yield RoundingDecisionMaker(problem, 0.2)
 
 
-@pytest.mark.parametrize("share", [0.2, 0.7])
-@pytest.mark.parametrize("kind", ["market", "choices"])
+@pytest.mark.parametrize(("kind", "share"), paired(["market", "choices"], [0.2, 0.7]))
 def test_nobody_can_be_stopped_from_copying(kind, share):
     """W ≥ r₀ − Eρ for a rival with the agent's own problem, and W ≤ r₀."""
     rng = np.random.default_rng([FRESH, kind == "market"])

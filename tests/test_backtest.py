@@ -33,6 +33,7 @@ from inscrutable.reports.backtest import table_of, text_of, timing_of, write_bac
 from inscrutable.reports.backtest_verdict import limits, verdict
 from inscrutable.reports.names import FULL_NAMES
 from sizes import audited
+from small_runs import coarse_rivals
 from test_golden_tables import DATA, assert_same, golden
 
 TRAINING, DECISIONS = 120, 9
@@ -348,16 +349,16 @@ def test_beliefs_of_the_users_own() -> None:
         run(returns, beliefs=given.assign(calm=[0.3] + [0.5] * 8, turbulent=[0.7, 0.6] + [0.5] * 7))
 
 
-@pytest.mark.usefixtures("coarse")
 def test_other_measures_and_budgets() -> None:
     returns = market(extra=4)
     target = DesiredObfuscation([1.0, 0.0])
-    desired = run(returns, replace(SETTINGS, measure=target, budget=Budget.regret(0.002)))
+    with coarse_rivals(20):
+        desired = run(returns, replace(SETTINGS, measure=target, budget=Budget.regret(0.002)))
+        absent = run(returns, replace(SETTINGS, measure=NonExistence(margin=0.05)))
     rows = desired.beliefs.to_numpy()
     np.testing.assert_allclose(desired.privacy("ODM"), -np.linalg.norm(rows - [1.0, 0.0], axis=1), atol=1e-6)
     assert (desired.episode.records["CDM"].decisions.regret <= 0.002 + 1e-12).all()
     assert (desired.privacy("CDM") >= desired.privacy("ODM") - 1e-9).all()
-    absent = run(returns, replace(SETTINGS, measure=NonExistence(margin=0.05)))
     assert absent.figures["ODM"]["n_privacy_not_finite"] == 4
     assert np.isnan(absent.figures["ODM"]["mean_privacy"])
     assert absent.figures["CDM"]["mean_privacy"] == 0.0

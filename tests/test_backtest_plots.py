@@ -28,7 +28,7 @@ from small_runs import coarse_rivals
 FIGURES = ("hidden", "beliefs", "weights", "privacy_and_cost", "frontier", "month")
 
 
-def backtest(settings: BacktestSettings, n_assets: int) -> Backtest:
+def backtest(settings: BacktestSettings, n_assets: int, beliefs: int = 60) -> Backtest:
     rng = np.random.default_rng(0)
     rows = 200
     regime = (np.arange(rows) // 8) % 3
@@ -37,7 +37,7 @@ def backtest(settings: BacktestSettings, n_assets: int) -> Backtest:
     returns = mean + np.array([0.02, 0.04, 0.08])[regime][:, None] * rng.normal(size=(rows, n_assets))
     dates = pd.date_range("1995-01", periods=rows, freq="ME")
     labels = [f"Asset <{j}> & Söhne" for j in range(n_assets)]
-    with coarse_rivals():
+    with coarse_rivals(beliefs):
         return run_backtest(pd.DataFrame(returns, index=dates, columns=labels), settings, restarts=3)
 
 
@@ -204,7 +204,7 @@ def test_missed_goals_and_two_regimes(monkeypatch: pytest.MonkeyPatch) -> None:
     settings = BacktestSettings(
         regimes=2, train_until="2011-03", measure=NonExistence(margin=0.9), budget=0.01, sequential=False
     )  # type: ignore[arg-type]
-    found, drawn = backtest(settings, 3), list[str]()
+    found, drawn = backtest(settings, 3, beliefs=20), list[str]()
 
     def laid_out(figure: Any, folder: Path, name: str) -> list[Path]:
         figure.draw_without_rendering()

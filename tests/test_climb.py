@@ -41,8 +41,16 @@ from strategies import SEEDS
 
 Array = NDArray[np.float64]
 
-climb = numba.njit(error_model="numpy")(climbing.climb.py_func)  # only kernels call the package's own
-solve_kkt = numba.njit(error_model="numpy")(faces.solve_kkt.py_func)
+
+@numba.njit(error_model="numpy")  # only kernels call the package's own
+def climb(face: Any, aim: Any, basis: Any, y: Any, w: Any) -> Any:
+    return climbing.climb(face, aim, basis, y, w)
+
+
+@numba.njit(error_model="numpy")
+def solve_kkt(curves: Any, y: Any, pivot: Any, w: Any, factor: Any, gradients: Any, slopes: Any) -> Any:
+    return faces.solve_kkt(curves, y, pivot, w, factor, gradients, slopes)
+
 
 N_CASES = instances(5, least=3)
 TINY_STEP = 1e-30  # of a complex step: no difference is formed, so nothing cancels
@@ -284,15 +292,15 @@ def brute(case: Case) -> tuple[float, Array]:
     for _ in range(25):
         points = points[points.min(axis=1) >= 0]
         points = points[case.spare(points) >= 0]
-        order, chosen = np.argsort(case.loss(points), kind="stable"), list[Array]()
-        for y in points[order[:400]]:
-            if len(chosen) < 6 and all(np.linalg.norm(y - other) > 2.0 * width for other in chosen):
-                chosen.append(y)
+        best, chosen = points[np.argsort(case.loss(points), kind="stable")[:400]], list[Array]()
+        while len(best) and len(chosen) < 6:
+            chosen.append(best[0])
+            best = best[np.linalg.norm(best - best[0], axis=1) > 2.0 * width]
         points = np.concatenate([np.array(chosen), *(y + width * around for y in chosen)])
         width *= 0.6
     ends = [end for y in chosen for end in (y, by_slsqp(case, y)) if case.spare(end) >= -1e-9]
-    best = min(ends, key=lambda y: float(case.loss(y)))
-    return float(case.loss(best)), best
+    where = min(ends, key=lambda y: float(case.loss(y)))
+    return float(case.loss(where)), where
 
 
 def by_slsqp(case: Case, start: Array) -> Array:

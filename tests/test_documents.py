@@ -10,8 +10,8 @@ In README.md, CONTRIBUTING.md, CHANGELOG.md and docs/, in the order of the page 
 * A word after the language changes that: `exit=3` is the expected exit code (errors are then compared too),
   `audit` leaves the block to `make audit`.
 
-* The scripts of docs/concepts and examples/ run with warnings as errors. Pictures are painted and the pages of results
-  written only in `make audit`: there, in test_site.py, the pages of the scripts are made.
+* The scripts of docs/concepts and examples/ run with warnings as errors. Pictures are painted, pages of results written and
+  long calculations done in full only in `make audit`: there, in test_site.py, the pages of the scripts are made.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from matplotlib.figure import Figure
 from inscrutable import cli
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
-from small_runs import coarse_rivals, repeated_fits
+from small_runs import coarse_rivals, learned_from_few, repeated_fits
 
 ROOT = Path(__file__).resolve().parent.parent
 MADE = ROOT / "docs" / "made"
@@ -198,12 +198,12 @@ def test_page_runs_with_its_long_commands_and_its_pictures(
     check_page(page.read_text("utf-8"), page.relative_to(ROOT).as_posix(), tmp_path, audit=True)
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "coarse")
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.relative_to(ROOT).as_posix())
 def test_script_runs(script: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: Path(path).write_bytes(b""))
-    with contextlib.redirect_stdout(io.StringIO()) as printed:
+    with contextlib.redirect_stdout(io.StringIO()) as printed, learned_from_few():
         runpy.run_path(str(script), run_name="__main__")
     pyplot.close("all")
     assert printed.getvalue().strip()

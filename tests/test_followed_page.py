@@ -22,7 +22,7 @@ GRID = 8
 def found() -> Backtest:
     with pytest.MonkeyPatch.context() as patch, short_simulations():
         patch.setattr(backtest_sequential, "_MOST_BELIEFS", GRID)
-        return backtest(2, None, sequential=True)
+        return backtest(2, None, beliefs=20, sequential=True)
 
 
 @pytest.fixture(scope="module")

@@ -392,6 +392,7 @@ def test_files_are_read_with_what_is_missing(tmp_path: Path) -> None:
         read_records(file)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_prints_the_verdict_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     secrets, published = leaking(120)
     secrets.to_csv(tmp_path / "signals.csv")

@@ -60,7 +60,8 @@ def sweep_of(grid: StudyGrid, makers: Sequence[str]) -> Sweep | None:
     key the curves are the decision makers. A figure has at most `MOST_CURVES` curves; there are at most `MOST_FACETS` figures.
     """
     settings = _settings(grid)
-    keys = {key: _ordered([each.get(key, _LACKING) for each in settings]) for each in settings for key in each}
+    names = dict.fromkeys(key for each in settings for key in each)
+    keys = {key: _ordered([each.get(key, _LACKING) for each in settings]) for key in names}
     swept = {key: values for key, values in keys.items() if len(values) > 1}
     if not swept:
         return None

@@ -38,9 +38,9 @@ class RepeatedLeakage(Summarised, Saved):
         mutual_information: I(π;u_1..u_n), in bits, shape (S,).
         bayes_error: √E‖π − E[π|u_1..u_n]‖², Euclidean, in units of belief, shape (S,).
         top_state_accuracy: How often the best guess of a most likely state is right, shape (S,).
-        information_se: Standard errors of the sampled figures, shape (S,), at least 1/n_draws of the difference that
-            infinitely many decisions make: sequences that are rarer may not be drawn. They are 0 where exact: at n = 1, and
-            without randomisation.
+        information_se: Standard errors of the sampled figures, shape (S,); 0 where exact: at n = 1, and without
+            randomisation. Where fewer than ten draws differ from the others they are at least 1/n_draws of the difference that
+            infinitely many decisions make: rarer sequences may not be drawn.
         error_se: Those of the Bayes error.
         accuracy_se: Those of the accuracy.
         prior_entropy: Entropy of the belief before any decision, in bits.
@@ -145,15 +145,14 @@ def repeated_leakage(
     certain = bool((joint.conditional >= 1.0 - tolerances.PROBABILITY).all())
     sampled = _sample(joint, steps, count, source) if steps[-1] > 1 and not certain else []
     limit_information, limit_error = _limits(joint)
-    # A kind of sequence with a share of 1/n_draws is missing in a third of the samples, whose spread does not know of it.
+    # What a kind of sequence may change that has a share of 1/n_draws and, in a third of the samples, no draw.
     most = limit_information, once.prior_error**2 - limit_error**2, float(limit_information > tolerances.PROBABILITY)
     unseen = np.array(most) / count
     for s, n in enumerate(steps):
         if n == 1 or certain:
             found[:, s] = once.mutual_information, once.bayes_error, once.top_state_accuracy
             continue
-        found[:, s], errors[:, s] = _averages(sampled[s])
-        errors[:, s] = np.maximum(errors[:, s], unseen)
+        found[:, s], errors[:, s] = _averages(sampled[s], unseen)
         root = np.sqrt(found[1, s])
         found[1, s], errors[1, s] = root, errors[1, s] / (2 * root) if root > 0 else 0.0
     return RepeatedLeakage(
@@ -172,10 +171,13 @@ def repeated_leakage(
     )
 
 
-def _averages(sampled: _Sampled) -> tuple[Array, Array]:
-    """Means of the three figures and their standard errors, with control variates."""
-    means, errors = adjusted_means(np.array(sampled[:3]).T, np.array(sampled[3:]).T)
-    return np.maximum(means, 0.0), errors
+def _averages(sampled: _Sampled, unseen: Array) -> tuple[Array, Array]:
+    """Means of the three figures and their standard errors, with control variates; the errors are at least `unseen` where
+    almost all draws are alike."""
+    values = np.array(sampled[:3]).T
+    means, errors = adjusted_means(values, np.array(sampled[3:]).T)
+    others = np.abs(values - np.median(values, axis=0)) > tolerances.PROBABILITY
+    return np.maximum(means, 0.0), np.where(others.sum(axis=0) < _LEAST_DRAWS, np.maximum(errors, unseen), errors)
 
 
 def _rising(n_steps: Any) -> list[int]:

@@ -23,6 +23,8 @@ _BLOCK = 2**21
 _MANY = 0.1
 """Share of nonzero entries from which a table is multiplied as a dense one."""
 _LEAST_DRAWS = 10
+_FEW = 3
+"""Draws unlike the others from which the spread is trusted: of so many as are expected, 5 % of samples have none."""
 SIDE = 1.96
 """Standard errors to either side of a 95 % interval."""
 
@@ -39,8 +41,8 @@ class RepeatedLeakage(Summarised, Saved):
         bayes_error: √E‖π − E[π|u_1..u_n]‖², Euclidean, in units of belief, shape (S,).
         top_state_accuracy: How often the best guess of a most likely state is right, shape (S,).
         information_se: Standard errors of the sampled figures, shape (S,); 0 where exact: at n = 1, and without
-            randomisation. Where fewer than ten draws differ from the others they are at least 1/n_draws of the difference that
-            infinitely many decisions make: rarer sequences may not be drawn.
+            randomisation. Where fewer than three draws differ from the others they are at least 1/n_draws of the difference
+            that infinitely many decisions make: rarer sequences may not be drawn.
         error_se: Those of the Bayes error.
         accuracy_se: Those of the accuracy.
         prior_entropy: Entropy of the belief before any decision, in bits.
@@ -154,7 +156,8 @@ def repeated_leakage(
             continue
         found[:, s], errors[:, s] = _averages(sampled[s], unseen)
         root = np.sqrt(found[1, s])
-        found[1, s], errors[1, s] = root, errors[1, s] / (2 * root) if root > 0 else 0.0
+        # √(a + e) − √a is about e/2√a, and at most √e.
+        found[1, s], errors[1, s] = root, min(errors[1, s] / (2 * root), np.sqrt(errors[1, s])) if root > 0 else 0.0
     return RepeatedLeakage(
         n_steps=np.array(steps),
         mutual_information=found[0],
@@ -177,7 +180,7 @@ def _averages(sampled: _Sampled, unseen: Array) -> tuple[Array, Array]:
     values = np.array(sampled[:3]).T
     means, errors = adjusted_means(values, np.array(sampled[3:]).T)
     others = np.abs(values - np.median(values, axis=0)) > tolerances.PROBABILITY
-    return np.maximum(means, 0.0), np.where(others.sum(axis=0) < _LEAST_DRAWS, np.maximum(errors, unseen), errors)
+    return np.maximum(means, 0.0), np.where(others.sum(axis=0) < _FEW, np.maximum(errors, unseen), errors)
 
 
 def _rising(n_steps: Any) -> list[int]:

@@ -187,6 +187,30 @@ def test_no_row_is_read_with_what_comes_after_it(fresh_rng: np.random.Generator)
         )
 
 
+def test_learners_are_those_of_scikit_learn_with_all_its_checks() -> None:
+    from sklearn.linear_model import Ridge
+    from sklearn.tree import DecisionTreeRegressor
+
+    rng = np.random.default_rng(3)
+    known, read, secret = (
+        rng.normal(size=(200, 3)).round(1),
+        rng.normal(size=(40, 3)).round(1),
+        rng.normal(size=(200, 2)),
+    )
+    found = {name: learn(known, read)(secret[:, None])[:, 0] for name, learn in learners().items()}
+    tree = DecisionTreeRegressor(min_samples_leaf=10, max_leaf_nodes=32, random_state=0)
+    whole = [part.astype(np.float32) for part in (known, read)]
+    np.testing.assert_array_equal(found["tree"], tree.fit(whole[0], secret).predict(whole[1]))
+    points, queries = ((part - known.mean(axis=0)) / known.std(axis=0) for part in (known, read))
+    ridge = Ridge(alpha=0.3 * len(known), solver="cholesky").fit(points, secret)
+    np.testing.assert_array_equal(found["ridge, penalty 0.3"], ridge.predict(queries))
+    apart = np.linalg.norm(queries[:, None] - points, axis=2)
+    nearest = np.argsort(apart, axis=1, kind="stable")[:, :14]
+    clear = np.sort(apart, axis=1)[:, 14] > np.sort(apart, axis=1)[:, 13] + 1e-9
+    assert clear.sum() > 5
+    np.testing.assert_allclose(found["nearest neighbours"][clear], secret[nearest[clear]].mean(axis=1), atol=1e-12)
+
+
 def test_shifts_learned_together_are_those_learned_alone(fresh_rng: np.random.Generator) -> None:
     features, targets = fresh_rng.normal(size=(120, 2)), np.eye(2)[fresh_rng.integers(2, size=120)]
     together = learn_forward(features, targets, np.array([0, 31]), 3, learners())

@@ -41,6 +41,7 @@ from inscrutable.mechanisms import played as played_module
 from inscrutable.mechanisms.priors import rounded_to_grid
 from inscrutable.mechanisms.same_actions import first_same
 from oracles import markets
+from sizes import paired
 from strategies import SEEDS, belief_problem
 
 MAKERS = {
@@ -93,8 +94,7 @@ def test_off_the_simplex_the_cheapest_neighbour_that_is_feasible_is_played(spent
         assert found == pytest.approx(near[int(np.argmin(costs))], abs=1e-9)
 
 
-@pytest.mark.parametrize("maker", MAKERS)
-@pytest.mark.parametrize("kind", ["markowitz", "finite", "linear"])
+@pytest.mark.parametrize(("maker", "kind"), paired(list(MAKERS), ["finite", "markowitz", "linear"]))
 def test_a_mechanism_is_what_is_decided(kind, maker):
     problem, beliefs = problems()[kind], simplex_grid(3, 4)
     chooser = MAKERS[maker](problem)

@@ -31,7 +31,7 @@ from inscrutable import (
 )
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from oracles.chain_paths import every_path
-from sizes import audited
+from sizes import audited, instances
 from strategies import random_world
 
 EXACT = 1e-11
@@ -138,7 +138,7 @@ def played_along(rng: np.random.Generator, plays: MemoryMechanism, places: list[
 def test_filter_and_smoother_equal_enumeration(
     is_public: bool, n_particles: int, fresh_rng: np.random.Generator
 ) -> None:
-    for _ in range(3):
+    for _ in range(instances(3, least=1)):
         world = random_world(fresh_rng, 2, 2)
         beliefs = reachable_beliefs(world, 3)
         plays = random_memory(fresh_rng, beliefs, 2, 3, is_public=is_public)

@@ -26,6 +26,7 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.decision_makers.candidate_sources import default_decoys
+from sizes import some
 
 FIELDS = (
     "action", "actions", "probabilities", "regret", "regrets", "privacy", "privacies", "privacy_bound", "cost",
@@ -89,7 +90,7 @@ def assert_own(ask: Callable[[], Any]) -> None:
         np.testing.assert_array_equal(before[name], after[name], err_msg=name)
 
 
-@pytest.mark.parametrize("n_states", [2, 3, 4])
+@pytest.mark.parametrize("n_states", some([2, 3, 4], 2))
 def test_scaling_a_result_changes_no_later_one(n_states: int, fresh_rng: np.random.Generator) -> None:
     problem = market(fresh_rng, n_states)
     beliefs = np.vstack([np.full(n_states, 1.0 / n_states), fresh_rng.dirichlet(np.ones(n_states), 2)])

@@ -205,7 +205,7 @@ def test_a_law_of_a_decision_that_had_become_nothing_comes_back() -> None:
 def test_steps_of_uneven_laws_are_solved_to_their_dual_bound(
     fresh_rng: np.random.Generator, information: float
 ) -> None:
-    for _ in range(12):
+    for _ in range(instances(12, least=5)):
         maker, price, told = drawn_case(fresh_rng, information, False)
         law = fresh_rng.dirichlet(np.full(len(maker.beliefs), 0.1))
         law = np.where(law > 1e-6, law, 0.0)
@@ -214,7 +214,7 @@ def test_steps_of_uneven_laws_are_solved_to_their_dual_bound(
 
 @pytest.mark.parametrize("information", [NO_PRICE, 1.0, 0.1, 0.03])
 def test_a_step_begun_from_another_one_is_as_good(fresh_rng: np.random.Generator, information: float) -> None:
-    for _ in range(12):
+    for _ in range(instances(12, least=5)):
         maker, price, told = drawn_case(fresh_rng, information, False)
         rule = StepRule(maker.table, Prices(price, told))
         laws = fresh_rng.dirichlet(np.full(len(maker.beliefs), 0.5), 2)

@@ -18,7 +18,7 @@ from inscrutable import (
 )
 from oracles.large_markets import large_market
 from oracles.markets import random_market
-from sizes import instances
+from sizes import instances, paired
 
 SIZES = {2: (4, 60), 3: (6, 45), 4: (6, 12), 5: (7, 8)}  # assets, and resolution of the candidates, by states
 BELIEFS = instances(6, least=2)
@@ -34,8 +34,7 @@ def markets(n_states, min_slack, rng):
     yield MarkowitzProblem(*large_market(n_states, n_assets, int(rng.integers(2**31)), 1.0), capped)
 
 
-@pytest.mark.parametrize("n_states", SIZES)
-@pytest.mark.parametrize("min_slack", [0.0, 1e-4])
+@pytest.mark.parametrize(("n_states", "min_slack"), paired(list(SIZES), [0.0, 1e-4]))
 def test_the_stated_privacy_is_recomputed_from_the_action(n_states, min_slack, fresh_rng):
     check_stated(n_states, min_slack, fresh_rng)
 

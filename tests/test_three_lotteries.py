@@ -348,11 +348,10 @@ def test_candidates_given_as_plain_actions(sign: float) -> None:
     assert (case.mixed.expected_privacy >= envelopes(case, candidates) - 1e-6).all()
 
 
-@pytest.mark.parametrize("share", [0.02, 0.3])
-@pytest.mark.parametrize(("n_assets", "spread"), MARKETS)
-def test_special_targets(n_assets: int, spread: bool, share: float) -> None:
+@pytest.mark.parametrize(("market", "share"), paired(MARKETS, [0.02, 0.3]))
+def test_special_targets(market: tuple[int, bool], share: float) -> None:
     """A target equal to the belief and an affordable one are met exactly; corners are approached."""
-    problem = market_problem(13, n_assets, spread)
+    problem = market_problem(13, *market)
     candidates, budget = decoy_grid(problem, 40), budget_of(problem, share)
     beliefs = np.random.default_rng(8).dirichlet(np.ones(3), 10)
     meets = problem.constraints.is_admissible(problem.solve(beliefs))

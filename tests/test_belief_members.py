@@ -101,6 +101,14 @@ def test_a_set_that_only_touches_is_left_to_linear_programmes():
     np.testing.assert_allclose(found.vertices(), [np.eye(5)[0]], atol=1e-9)
 
 
+@pytest.mark.parametrize("width", [1.0, 1e-4])
+def test_sets_with_an_interior_need_no_linear_programme(width):
+    rows = np.array([[[width - 1.0, width, width, width]]])  # π_1 of at most `width`
+    verdict, members = members_of_sets(np.zeros((1, 0, 4)), rows, tolerances.EXPLAINED)
+    assert verdict[0] == HELD
+    assert 0.0 < members[0, 0] < width
+
+
 def test_sets_of_two_dimensions_less_are_not_judged():
     verdict, _ = members_of_sets(np.eye(3)[None, :2] - 1.0 / 3.0, np.zeros((1, 0, 3)), tolerances.EXPLAINED)
     assert verdict[0] == 0

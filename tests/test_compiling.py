@@ -65,7 +65,7 @@ def test_a_first_decision_compiles_no_search_and_says_so_once(tmp_path: Path) ->
     (names, heard), second = said(FIRST_DECISION, tmp_path), said(FIRST_DECISION, tmp_path)
     compiled = set(names.split())
     assert "solve_path" in compiled  # many beliefs at once: only compiled code is fast enough
-    assert not compiled & {"search_regions", "best_starts", "climb", "project_in", "describe_sets"}
+    assert not compiled & {"search_regions", "best_starts", "climb", "project_in"}
     assert heard == f"{MESSAGE}\n"
     assert second == ("\n", "")
 

@@ -12,12 +12,9 @@ from inscrutable import tolerances
 from inscrutable.adversaries.inverse import belief_set_of, scaled_gradients, smooth_form_of
 from inscrutable.geometry import BeliefSet
 from inscrutable.geometry.equal_rows import distinct_patterns, first_equal
-from inscrutable.geometry.hulls import described_sets, members_of_sets
+from inscrutable.geometry.hulls import LARGER, described_sets, members_of_sets
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
-
-LARGER = 2
-"""Least dimension of the sets that are computed only on demand."""
 
 
 @dataclass(frozen=True, eq=False)

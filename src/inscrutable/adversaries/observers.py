@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.budget_aware import AffordableBeliefs, affordable_beliefs
-from inscrutable.adversaries.consistent_sets import LARGER, consistent_sets
+from inscrutable.adversaries.consistent_sets import consistent_sets
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
 from inscrutable.adversaries.plausibility import nearest_explanations
@@ -19,6 +19,7 @@ from inscrutable.axes import ordered
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
+from inscrutable.geometry.hulls import LARGER
 from inscrutable.mechanisms import Disclosure, Prior
 from inscrutable.mechanisms.priors import checked_prior
 from inscrutable.mechanisms.same_actions import first_same

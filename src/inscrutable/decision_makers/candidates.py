@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries import ConsistentSets, consistent_sets
-from inscrutable.adversaries.consistent_sets import LARGER
 from inscrutable.axes import Axis
 from inscrutable.errors import InputError
 from inscrutable.geometry.equal_rows import first_equal
+from inscrutable.geometry.hulls import LARGER
 from inscrutable.geometry.low_discrepancy import covering_radius
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array

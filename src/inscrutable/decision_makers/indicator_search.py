@@ -10,7 +10,6 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
-from inscrutable.adversaries.consistent_sets import LARGER
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.hiding import Case
@@ -26,6 +25,7 @@ from inscrutable.decision_makers.results import (
     counted,
 )
 from inscrutable.decision_makers.search.partition import face_programme
+from inscrutable.geometry.hulls import LARGER
 from inscrutable.kernels.threads import in_chunks
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.privacy import MaximalObfuscation

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.axes import Axis, Names, ordered
 from inscrutable.errors import InputError, SolverError
-from inscrutable.geometry.hulls import affine_hull, described_sets, members_of_sets
+from inscrutable.geometry.hulls import affine_hulls, described_sets, members_of_sets
 from inscrutable.geometry.polytopes import (
     Reduced,
     nearest_in_hull,
@@ -96,15 +96,16 @@ class BeliefSet(Saved):
         verdict, _ = members_of_sets(self.equalities[None], self.inequalities[None], self.tolerance)
         if verdict[0] < 0:
             return None
-        hull = affine_hull(self.equalities, self.tolerance)
+        hulls = affine_hulls(self.equalities[None], self.tolerance)
+        origin, directions, bands = hulls.origin[0], hulls.directions[0, :dimension], hulls.bands[0, :dimension]
         bounded = np.vstack([self.inequalities, np.eye(self.n_states)])
-        rows = -bounded @ hull.directions.T
-        offsets = bounded @ hull.origin
-        for axis in np.flatnonzero(np.isfinite(hull.bands[:, 0])):
+        rows = -bounded @ directions.T
+        offsets = bounded @ origin
+        for axis in np.flatnonzero(np.isfinite(bands[:, 0])):
             unit = np.eye(dimension)[axis]
             rows = np.vstack([rows, unit, -unit])
-            offsets = np.concatenate([offsets, [hull.bands[axis, 1], -hull.bands[axis, 0]]])
-        return reduce_polytope(hull.origin, hull.directions, rows, offsets, solid=bool(verdict[0] > 0))
+            offsets = np.concatenate([offsets, [bands[axis, 1], -bands[axis, 0]]])
+        return reduce_polytope(origin, directions, rows, offsets, solid=bool(verdict[0] > 0))
 
     @cached_property
     def _even_corners(self) -> Array:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.adversaries.consistent_sets import LARGER, ConsistentSets
+from inscrutable.adversaries.consistent_sets import ConsistentSets
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions, ResultTable
+from inscrutable.geometry.hulls import LARGER
 from inscrutable.privacy import MaximalObfuscation
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array

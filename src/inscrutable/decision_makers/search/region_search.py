@@ -14,14 +14,13 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
-from inscrutable.adversaries.consistent_sets import LARGER
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.candidate_sources import decided_by
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.results import Progress
 from inscrutable.decision_makers.search.partition import Partition, face_programme
 from inscrutable.geometry.equal_rows import distinct_patterns
-from inscrutable.geometry.hulls import sum_zero_basis
+from inscrutable.geometry.hulls import LARGER, sum_zero_basis
 from inscrutable.geometry.low_discrepancy import simplex_cover
 from inscrutable.kernels.region_climb import Aims, Optima
 from inscrutable.kernels.region_search import (

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from inscrutable import MarkowitzProblem, MaximalObfuscation, NonExistence, action_grid, decoy_grid, privacy_frontier
 from inscrutable.decision_makers.envelope import (
+    RatedPoints,
     best_mixture,
     concave_envelope,
     mixture_by_linear_programme,
@@ -18,6 +19,17 @@ from inscrutable.errors import InputError
 from oracles import enumeration, markets
 from sizes import instances
 from strategies import SEEDS, belief_problem, drawn_problems
+
+
+class Given(RatedPoints):
+    """Points whose privacies are exact."""
+
+    def __init__(self, regrets, privacies):
+        self.regrets, self.privacies, self.exact = regrets, privacies, np.ones(len(regrets), dtype=bool)
+
+    def refine(self, place):
+        raise AssertionError("all are exact")
+
 
 VALUES = st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0])
 
@@ -81,6 +93,17 @@ def test_the_price_is_the_dual_of_the_budget():
     for limit, price in [(0.5, 2.0), (2.0, 0.5), (5.0, 0.0)]:
         assert best_mixture(regrets, privacies, limit).price == pytest.approx(price)
         assert mixture_by_linear_programme(regrets, privacies, limit).price == pytest.approx(price)
+
+
+@pytest.mark.parametrize("top", [0.7, -0.7, 0.0, np.inf])
+def test_of_almost_equal_points_the_cheapest_is_taken(top):
+    """As by symmetry, where rounding decides which of them is the largest."""
+    regrets, privacies = np.array([0.3, 0.1, 0.2, 0.0]), np.array([np.nextafter(top, np.inf), top, top, -1.0])
+    privacies = privacies if top else np.array([0.0, 0.0, 0.0, -1.0])
+    assert Given(regrets, privacies).best(1.0) == 1
+    if np.isfinite(top):
+        assert best_mixture(regrets, privacies, 1.0).indices.tolist() == [1]
+        assert best_mixture(regrets, privacies, 0.05).indices.tolist() == [3, 1]
 
 
 # --- the frontier -------------------------------------------------------------------------------------------------------

@@ -97,7 +97,7 @@ def best_mixtures(regrets: Array, gains: Array, limits: Array, allowed: np.ndarr
     rows = np.arange(len(limits))
     cheap = regrets.argmin(axis=1)
     # Of equal gains the cheapest.
-    dear = np.where(gains == gains.max(axis=1, keepdims=True), regrets, np.inf).argmin(axis=1)
+    dear = np.where(gains >= _almost(gains.max(axis=1, keepdims=True)), regrets, np.inf).argmin(axis=1)
     # Regrets relative to the limit: between points of almost equal regret the price is huge, the value at the limit is not.
     beyond = np.where(np.isfinite(regrets), regrets, 0.0) - limits[:, None]
     within = regrets[rows, dear] <= limits
@@ -122,6 +122,11 @@ def best_mixtures(regrets: Array, gains: Array, limits: Array, allowed: np.ndarr
     room = np.where(run > 0, limits - regrets[rows, cheap], 0.0)
     share = np.clip(room / np.where(run > 0, run, 1.0), 0.0, 1.0)
     return Mixtures(values, prices, cheap, dear, share)
+
+
+def _almost(top: Array) -> Array:
+    """What counts as equal to a largest value: by symmetry many decisions are equally private but for rounding."""
+    return np.asarray(top * (1.0 - np.copysign(tolerances.ENVELOPE, top)))
 
 
 def mixture_by_linear_programme(regrets: Array, privacies: Array, limit: float) -> Mixture | None:
@@ -174,13 +179,13 @@ class RatedPoints(ABC):
         return best_mixture(self.regrets, self.privacies, limit)
 
     def falling(self, limit: float) -> Iterator[int]:
-        """Yield the points of a regret of at most `limit`, the most private first, the cheapest among equals."""
+        """Yield the points of a regret of at most `limit`, the most private first, the cheapest among almost equal ones."""
         left = np.flatnonzero((self.regrets <= limit) & ~np.isneginf(self.privacies))
         while left.size:
             top = self.privacies[left].max()
             if np.isneginf(top):
                 return
-            equal = left[self.privacies[left] == top]
+            equal = left[self.privacies[left] >= _almost(top)]
             place = int(equal[self.regrets[equal].argmin()])
             if self.exact[place]:
                 yield place

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import null_space
 from scipy.optimize import minimize
+from threadpoolctl import threadpool_limits
 
 from inscrutable import validation
 from inscrutable.decision_makers.candidate_sources import random_actions
@@ -224,4 +225,5 @@ def _run(watched: _Watched, start: Array) -> None:
     descent = _Descent(watched, start)
     rules: Any = {"type": "ineq", "fun": descent.rules, "jac": descent.rule_slopes}
     origin = np.zeros(watched.free.shape[1])
-    minimize(descent.loss, origin, jac=True, method="SLSQP", constraints=rules)
+    with threadpool_limits(limits=1, user_api="blas"):  # else its last digits, and where it ends, differ with the cores
+        minimize(descent.loss, origin, jac=True, method="SLSQP", constraints=rules)

@@ -440,6 +440,15 @@ def test_a_riskless_rate_per_year_on_rows_of_a_month_is_pointed_out() -> None:
     assert "a riskless return of 4.00% a month on average is 48% a year" in doubted[0]
 
 
+@pytest.mark.usefixtures("coarse")
+def test_percentages_of_mild_returns_are_pointed_out() -> None:
+    mild = 0.006 * np.tanh(market() / np.median(market().abs()))
+    doubted, sound = (run(returns).market.suspicious for returns in (100.0 * mild, mild))
+    assert sound == ()
+    assert "half of the returns exceed" in doubted[0]
+    assert "if they are percentages, divide them by 100" in doubted[0]
+
+
 def test_other_refusals(found: Backtest, tmp_path: Path) -> None:
     returns = market()
     with pytest.raises(InputError, match="train_until must be a date"):

@@ -284,7 +284,8 @@ def test_sampled_paths_agree_with_all_of_them(is_public: bool, fresh_rng: np.ran
     exact = path_leakage(chain, plays, n_steps, rng=fresh_rng, n_draws=100_000)
     # Events of .1 % are in few of 500 paths, which one instance missed by 9 standard errors; more at once may be enumerated.
     runs = [path_leakage(chain, plays, n_steps, rng=fresh_rng, n_draws=500) for _ in range(8)]
-    assert {exact.n_draws} | {run.n_draws for run in runs} == {0, 500}
+    assert exact.n_draws == 0
+    assert {run.n_draws for run in runs} <= {0, 500}  # few paths are enumerated
     for name, error in (
         ("cumulative", "cumulative_se"),
         ("added", "added_se"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ from inscrutable.reports.protect import (
     row_lines,
     write_protect,
 )
+from inscrutable.worlds import HiddenMarkovModel
 from test_attack import market, published
 
 MODEL = market(20, 5)
@@ -144,6 +146,14 @@ def test_the_verdict_says_what_silence_costs() -> None:
         told = 1e-4 * float(said.partition("reveals nothing and costs ")[2].partition(" bp")[0])
         assert told == pytest.approx(silence, rel=0.1)
         assert ("not more than these weights" in said) == dearer
+
+
+def test_regimes_that_practically_never_change_leave_the_cost_of_silence_unknown() -> None:
+    stays = 1e-9 * np.ones((3, 3)) + (1.0 - 3e-9) * np.eye(3)
+    model = replace(MODEL, world=HiddenMarkovModel(stays, MODEL.world.emission, np.full(3, 1.0 / 3.0)))
+    said = protect(model, BELIEFS[0], Budget.regret(3e-4), rng=np.random.default_rng(0)).verdict
+    assert "costs in the long run is not known: a simulated path" in said
+    assert "Error of the naive observer" in said
 
 
 @pytest.mark.parametrize(

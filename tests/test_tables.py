@@ -205,6 +205,14 @@ def test_numeric_tickers_are_labels(file: Path) -> None:
     assert list(read_returns(file).columns) == ["600519", "000001"]
 
 
+def test_an_accent_is_the_same_however_it_is_written(file: Path) -> None:
+    file.write_text("date,Énergie,Pétrole\n2020-01-31,0.1,0.2\n", "utf-8")
+    assert list(read_returns(file).columns) == ["\u00c9nergie", "P\u00e9trole"]
+    weights = file.with_name("weights.csv")
+    weights.write_text("P\u0065\u0301trole,\u0045\u0301nergie\n0.25,0.75\n", "utf-8")
+    assert read_weights(weights, assets=["\u00c9nergie", "P\u00e9trole"]).frame.to_numpy().tolist() == [[0.75, 0.25]]
+
+
 @pytest.mark.parametrize("scale", [100.0, 1.0])
 def test_percentages_and_prices_are_not_returns(file: Path, scale: float) -> None:
     returns = load_industry_returns().returns.iloc[:60]

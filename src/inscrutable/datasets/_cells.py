@@ -6,6 +6,7 @@ import csv
 import math
 import os
 import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from io import StringIO
@@ -228,7 +229,8 @@ def _text_of(source: Path) -> str:
         ) from None
     if not text.strip():
         raise InputError(f"{source} is empty; expected a header line and rows of numbers")
-    return text
+    # An accent may be one character with its letter or one of its own: labels must be equal in both spellings.
+    return unicodedata.normalize("NFC", text)
 
 
 def _check_header(source: Path, header: tuple[str, ...]) -> None:

@@ -29,6 +29,9 @@ _LISTED = 5
 _MOST_RISKLESS_A_YEAR = 0.3
 """Mean riskless return a year above which rows may hold rates per year: the largest of a packaged month, in June 1981, is .16 a
 year."""
+_MOST_USUAL_A_YEAR = 1.0
+"""Median size of a return, times the root of the rows a year, above which returns may be percentages: .10 for the packaged
+industries, .15 for the packaged daily returns, a hundred times that for the same in per cent."""
 _PAPERS_BUDGET = Budget(0.1)
 _LOGGER = logging.getLogger(__name__)
 
@@ -169,10 +172,21 @@ def sample_until(returns: pd.DataFrame, train_until: str, riskless: pd.Series | 
     if n_held < 2:
         raise InputError(f"{n_held} rows follow the training sample that ends {train_until}; need at least 2")
     base = np.zeros(n_held) if riskless is None else aligned_riskless(riskless, dates[n_training:])
-    suspicious = (*suspicious_entries(table), *_annual_rates(base, frequency_of(dates)))
+    rows = frequency_of(dates)
+    suspicious = (*_percentages(table, rows), *suspicious_entries(table), *_annual_rates(base, rows))
     for each in suspicious:
         _LOGGER.warning("suspicious returns: %s", each)
-    return ReturnsSample(table, base, riskless is not None, n_training, frequency_of(dates), suspicious)
+    return ReturnsSample(table, base, riskless is not None, n_training, rows, suspicious)
+
+
+def _percentages(returns: pd.DataFrame, rows: Frequency) -> list[str]:
+    """Return a warning where half of the returns are larger than nearly all that assets have, as mild percentages are."""
+    usual = float(np.median(np.abs(returns.to_numpy())))
+    if not usual * np.sqrt(rows.per_year) > _MOST_USUAL_A_YEAR:
+        return []
+    return [
+        f"half of the returns exceed {usual:.0%} a {rows.word} in size; if they are percentages, divide them by 100"
+    ]
 
 
 def _annual_rates(riskless: Array, rows: Frequency) -> list[str]:

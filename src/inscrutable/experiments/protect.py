@@ -105,7 +105,7 @@ class Protection:
         asked = requirement_of(self.model.world, self.beliefs)
         if asked is None:
             return ""
-        silence = silence_in(self.model.world, self.model.problem)
+        than = self._silence_text()
         reached = [
             Reached(name, *estimate_quality(np.array([each.center() for each in sets]), self.beliefs))
             for name, sets in (
@@ -114,11 +114,6 @@ class Protection:
                 ("PDM", self.drawn.belief_set),
             )
         ]
-        dearer = float(np.mean(self.deterministic.regret)) >= silence > 0.0
-        than = (
-            f"Silence, a constant portfolio, reveals nothing and costs {BASIS_POINTS * silence:.3g} bp a row on average"
-            + (": not more than these weights." if dearer else ".")
-        )
         if len(self) == 1:
             told = ("explained by no belief" if np.isnan(each.error) else f"{each.error:.2f}" for each in reached)
             errors = ", ".join(f"{each.name} {error}" for each, error in zip(reached, told, strict=True))
@@ -135,6 +130,18 @@ class Protection:
             f"Hidden from the naive observer, who takes the weights at face value: {asked.judge(reached[1:], reached[0])}.\n"
             f"{asked.meaning(without='weights', state='regime', cases='the rows')}\n{than}\n"
             "A backtest and a comparison judge the aware observer, who knows the rule."
+        )
+
+    def _silence_text(self) -> str:
+        """What the best constant portfolio costs in the long run, or why that is not known."""
+        try:
+            silence = silence_in(self.model.world, self.model.problem)
+        except InputError as error:  # regimes that practically never change
+            return f"What silence, a constant portfolio, costs in the long run is not known: {error}."
+        dearer = float(np.mean(self.deterministic.regret)) >= silence > 0.0
+        return (
+            f"Silence, a constant portfolio, reveals nothing and costs {BASIS_POINTS * silence:.3g} bp a row on average"
+            + (": not more than these weights." if dearer else ".")
         )
 
     def rounding_note(self, step: int = 0) -> str:

@@ -97,7 +97,7 @@ class Posterior(Summarised, Saved):
     def credible_indices(self, level: float = 0.9) -> np.ndarray:
         """Return the indices of the fewest beliefs that hold at least `level` of the weight, heaviest first.
 
-        None for a decision that is never played. Raises `InputError` for a level outside (0, 1].
+        The result is empty for a decision that is never played. Raises `InputError` for a level outside (0, 1].
         """
         share = validation.positive(level, "level")
         if share > 1:

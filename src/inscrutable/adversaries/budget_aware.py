@@ -20,7 +20,7 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False)
 class ScaledBeliefs(NearOptimalBeliefs):
-    """The convex set {π ∈ Δ : π·s(u) ≤ k V(π)}, k ≥ 0: convex because V is concave. `regret` is 0."""
+    """The set {π ∈ Δ : π·s(u) ≤ k V(π)} with k ≥ 0, which is convex because V is concave. `regret` is 0."""
 
     share: float = 1.0
     room: float = 0.0

@@ -41,7 +41,7 @@ class ConsistentSets:
     def __getitem__(self, index: int) -> BeliefSet:
         """Return the belief set of one decision; equal decisions share it."""
         first = int(self.distinct[index])
-        if self._parts:  # which keep the sets that they find, for others that they are joined with
+        if self._parts:  # the parts store computed sets, so that other joins can use them
             before, behind = self._parts
             return before[first] if first < len(before) else behind[first - len(before)]
         if first not in self._larger:
@@ -151,7 +151,7 @@ def _by_rows(problem: DecisionProblem, actions: Array, members: Array | None) ->
 
 
 def _known(found: BeliefSet) -> tuple[int, Array]:
-    """Return the dimension (at most 2) and the ends (2,X), or one member twice; the full set is computed only where needed."""
+    """Return the dimension (at most 2) and both ends (2,X), or a member twice; the full set is computed only where needed."""
     verdict, member = members_of_sets(found.equalities[None], found.inequalities[None], found.tolerance)
     if verdict[0]:
         return (LARGER if verdict[0] > 0 else -1), np.tile(member, (2, 1))

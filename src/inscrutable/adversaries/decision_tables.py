@@ -21,7 +21,7 @@ UNSEEN, NEVER_PLAYED = -1, -2
 
 
 def nearest_count(nearest: int) -> int:
-    """Return the number of decisions as which one that is never played is read; True is 1."""
+    """Return how many of the nearest decisions replace one that is never played; True is 1."""
     return validation.count(int(nearest) if isinstance(nearest, bool) else nearest, "nearest", least=0)
 
 
@@ -37,7 +37,7 @@ class Entries(NamedTuple):
 class DecisionTables:
     """The decisions of a mechanism: their numbers and their likelihoods.
 
-    Some decisions that are not told apart have a number as well, and the sum of their likelihoods.
+    A group of decisions that are read as one also has a number; its likelihood is the sum of theirs.
 
     Attributes:
         mechanism: The mechanism.
@@ -57,7 +57,7 @@ class DecisionTables:
         self._rows = sparse.csr_array((np.tile(held.data, 2), (rows, places)), shape=shape)
         self._rows.sum_duplicates()
         self._n_actions = n_actions
-        self._groups: dict[tuple[int, ...], int] = {}  # the number of decisions that are not told apart
+        self._groups: dict[tuple[int, ...], int] = {}  # the number of each group of decisions that are read as one
         self.played = np.unique(action[held.data > 0])
         points = np.asarray(mechanism.actions, dtype=np.float64).reshape(n_actions, -1)
         self._tree = cKDTree(points[self.played])
@@ -68,7 +68,7 @@ class DecisionTables:
         return RowDraws(self.mechanism.observed)
 
     def action(self, column: int) -> Any:
-        """Return a decision by its number, of several the nearest; None for one that was not observed or is never played."""
+        """Return a decision by its number, of a group the nearest; None for one that was not observed or is never played."""
         return None if column < 0 else self.mechanism.actions[self._members(column)[0]]
 
     def column(self, point: Array, nearest: int) -> tuple[int, bool]:
@@ -88,7 +88,7 @@ class DecisionTables:
     def entries(self, columns: np.ndarray, memories: np.ndarray) -> Entries:
         """Return the likelihoods given decisions (C,), where the memories before them are (C,)."""
         of, numbers = np.arange(len(columns)), np.where(columns >= 0, columns, self._n_actions - 1 - columns)
-        if columns.max() >= self._n_actions:  # the entries of decisions that are not told apart add up
+        if columns.max() >= self._n_actions:  # the entries of a group add up
             members = [self._members(int(number)) for number in numbers]
             of, numbers = np.repeat(of, [len(each) for each in members]), np.concatenate(members)
         found: Any = self._rows[numbers * self.n_memories + memories[of]]
@@ -96,11 +96,11 @@ class DecisionTables:
         return Entries(np.repeat(of, np.diff(found.indptr)), belief, after, found.data)
 
     def _group(self, members: np.ndarray) -> int:
-        """Return the number of decisions that are not told apart, of which the first is the nearest."""
+        """Return the number of a group of decisions that are read as one; the first is the nearest."""
         return self._groups.setdefault(tuple(members.tolist()), self._n_actions + 2 + len(self._groups))
 
     def _members(self, number: int) -> np.ndarray:
-        """Return the decisions that have a number."""
+        """Return the decisions of a number: one, or a group."""
         group = number - self._n_actions - 2
         return np.array([number] if group < 0 else list(self._groups)[group])
 

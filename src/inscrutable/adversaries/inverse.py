@@ -72,7 +72,8 @@ def plausibility_gap(problem: DecisionProblem, action: ArrayLike) -> float:
 
     Raises:
         InputError: `action` is not a feasible decision.
-        SolverError: The cutting planes did not close.
+        ModelError: The problem has neither a smooth form nor `explaining_rows`.
+        SolverError: The cutting planes did not converge.
 
     Cost: some tens of forward solves. Source: a detection statistic on top of the paper's Theorem 1.
 

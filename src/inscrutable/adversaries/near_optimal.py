@@ -83,7 +83,7 @@ class NearOptimalBeliefs:
 
     @property
     def _level(self) -> float:
-        """The excess that planes leave: half the accuracy, so that they close. A set is empty where every excess is larger."""
+        """The excess at which cutting planes stop: half the accuracy. A set is empty if every belief has a larger excess."""
         return 0.5 * self.accuracy
 
     @cached_property

@@ -21,7 +21,7 @@ MOST_PLANES = 500
 
 
 def gap_compared(problem: DecisionProblem, action: Array, margin: float) -> float:
-    """Return the plausibility gap, or a bound on the same side of `margin` as soon as the side is known."""
+    """Return the plausibility gap, or a bound as soon as it is known whether the gap is above or below `margin`."""
     return nearest_explanation(problem, action, margin)[1]
 
 
@@ -44,7 +44,7 @@ class ClosedPlanes(NamedTuple):
 
 
 def closed_planes(problem: DecisionProblem, action: Array, margin: float = np.inf) -> ClosedPlanes:
-    """Return the least regret over all beliefs with the planes that prove it, or a bound on its side of `margin`."""
+    """Return the least regret over all beliefs with the planes that prove it; `margin` as in `nearest_explanation`."""
     return planes_below(problem, problem.state_costs(action), margin)
 
 

@@ -108,7 +108,7 @@ class ShownReading:
             raise InputError("candidates were given, but the disclosure shows decisions as they are and needs none")
         self._problem, self._given = problem, candidates
         if self.disclosure.maps:
-            self.candidates  # noqa: B018  # says what is wrong with them
+            self.candidates  # noqa: B018  # raises where they are malformed
 
     @property
     def is_plain(self) -> bool:

@@ -130,6 +130,7 @@ class AlphaProblem:
         """Return u*(m) for one mean (k,) or many (T,k): shape (n,) or (T,n).
 
         Raises:
+            InputError: `mean` has another length, or an entry is not finite.
             ModelError: The cost is unbounded below: C is unbounded in a direction without risk.
         """
         held = self.check_mean(mean)

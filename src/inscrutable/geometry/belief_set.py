@@ -193,7 +193,7 @@ class BeliefSet(Saved):
             other = nearest_point(self._shape, point)
         except SolverError:
             return found
-        # In each of the two units rounding may cut off a part of the set, and not the same part.
+        # Rounding may cut off a part of the set in either unit, but not the same part.
         return other if np.linalg.norm(other - point) < np.linalg.norm(found - point) else found
 
     def distance(self, belief: ArrayLike) -> float:

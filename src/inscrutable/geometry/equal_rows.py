@@ -70,6 +70,6 @@ def _hashed(bits: np.ndarray) -> np.ndarray:
 
 
 def _by_sorting(rows: Array, tolerance: float) -> np.ndarray:
-    """Return the same without hashes, for two different rows with one hash."""
+    """Return the same by sorting, used where two different rows have the same hash."""
     _, earliest, group = np.unique(_bits(rows, tolerance), axis=0, return_index=True, return_inverse=True)
     return np.asarray(earliest[group.reshape(-1)])

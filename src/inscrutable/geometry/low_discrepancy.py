@@ -71,7 +71,7 @@ def interior_points(n: int, points: int) -> Array:
     """Return `points` points (M,n): the centre of the `n`-simplex and a low-discrepancy sequence in its interior.
 
     Formula: t_k = ½ + k (φ⁻¹, …, φ^{1−n}) mod 1 with φ^n = φ + 1, k = 1, 2, …, mapped to the simplex without changing
-    volumes: x_j = (1 − t_j^{1/(n−j)}) Π_{i<j} t_i^{1/(n−i)}, j = 1 … n−1, and x_n what is left.
+    volumes: x_j = (1 − t_j^{1/(n−j)}) Π_{i<j} t_i^{1/(n−i)}, j = 1 … n−1, and x_n = 1 − Σ_{j<n} x_j.
     """
     ratio = 1.0
     for _ in range(_BISECTIONS):  # a contraction: each pass gains at least one digit

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 
 class Schedule(NamedTuple):
-    """Which decisions are shown, and when: u_s where s = offset (mod period), at step s + lag."""
+    """The steps s whose decision u_s is disclosed, s = offset (mod period), and the step of disclosure, s + lag."""
 
     period: int = 1
     offset: int = 0

@@ -1,8 +1,8 @@
 """Weights of a simulated path under which the mean of its beliefs is exact.
 
-The long-run mean of a filter's beliefs is a stationary law of the states: E[π_t − P'π_t] = 0. The mean of a path errs as
-much as the time spent in each state, which is much where states last long. The closed path is cut into cycles that begin at its
-commonest place. With a weight for each cycle every place is still entered as often as it is left. Weights exp(λ·g_c) with
+The long-run mean of a filter's beliefs is a stationary law of the states: E[π_t − P'π_t] = 0. The mean of a path has the
+error of the time spent in each state, which is large where states last long. The closed path is cut into cycles that begin at
+its commonest place. With a weight for each cycle every place is still entered as often as it is left. Weights exp(λ·g_c) with
 Σ_c g_c exp(λ·g_c) = 0, g_c the sum of π_t − P'π_t over a cycle, are the nearest to equal ones, in Kullback-Leibler divergence,
 that make the mean exact (exponential tilting).
 """

@@ -164,6 +164,7 @@ def predicted_prior(
 
     Raises:
         InputError: As `filtered_prior`.
+        ModelError: As `filtered_prior`.
 
     Cost: one simulated and filtered path.
 
@@ -235,7 +236,7 @@ def _long_run_shares(world: HiddenMarkovModel) -> Array:
 def _different(points: np.ndarray, resolution: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the different rows of points (T,X) of a grid, in order, and the place of each row among them.
 
-    Read as digits of one whole number each, they are sorted ten times as fast.
+    Each row is encoded as one integer with its entries as digits, which makes sorting ten times as fast.
     """
     base, n_digits = resolution + 1, points.shape[1]
     if base**n_digits > np.iinfo(np.int64).max:

@@ -95,7 +95,7 @@ def detectability(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) 
     Raises:
         InputError: A belief of the prior is none of the mechanism's, or the problem has another number of states or
             other decisions.
-        SolverError: The cutting planes of a plausibility gap did not close.
+        SolverError: The cutting planes of a plausibility gap did not converge.
 
     Cost: one forward solve a belief, and some tens of them for each played decision that no belief explains.
 

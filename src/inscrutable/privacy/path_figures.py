@@ -152,10 +152,10 @@ class Baseline:
 def enumerated(
     reader: InverseFilter, prior: Baseline, n_steps: int, most: int, schedule: Schedule
 ) -> PathFigures | None:
-    """Return exact figures (1,T) by every sequence of decisions that are shown.
+    """Return exact figures (1,T), by enumeration of all sequences of disclosed decisions.
 
-    None where sequences leave more than `most` laws, where the observer does not know the memory, so that what a decision
-    adds depends on the whole path, or where the beliefs are not the points.
+    None if the sequences lead to more than `most` laws, if the beliefs are not the points, or if the observer does not know
+    the memory: what a decision adds then depends on the whole path.
     """
     if prior.interpolation_error > tolerances.SAME_BELIEF:
         return None

@@ -147,7 +147,7 @@ def repeated_leakage(
     certain = bool((joint.conditional >= 1.0 - tolerances.PROBABILITY).all())
     sampled = _sample(joint, steps, count, source) if steps[-1] > 1 and not certain else []
     limit_information, limit_error = _limits(joint)
-    # What a kind of sequence may change that has a share of 1/n_draws and, in a third of the samples, no draw.
+    # The possible effect of sequences whose probability is 1/n_draws: a third of the samples contain none of them.
     most = limit_information, once.prior_error**2 - limit_error**2, float(limit_information > tolerances.PROBABILITY)
     unseen = np.array(most) / count
     for s, n in enumerate(steps):

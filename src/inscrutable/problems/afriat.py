@@ -212,14 +212,14 @@ def _columns(preferences: RevealedPreferences, goods: Axis, i: int) -> Any:
 
 
 def _with_ties(ratios: Array, values: Iterable[float]) -> Array:
-    """Spending ratios with those that equal one of the values but for rounding set to it: on the budget, not below it."""
+    """Set ratios within rounding of one of the values to that value: such a choice is on the budget line, not below it."""
     for value in values:
         ratios = np.where(np.abs(ratios - value) <= tolerances.SAME_SPENDING * value, value, ratios)
     return ratios
 
 
 def _rounded_down(value: float, *, strictly: bool = False) -> float:
-    """The largest number of six digits that is not above a positive value but for rounding, or `strictly` below it."""
+    """Round a positive value down to six digits, with an allowance for rounding errors; `strictly`: to a number below it."""
     if not value > 0:
         return 0.0
     digits = Context(prec=6, rounding=ROUND_FLOOR)
@@ -248,7 +248,7 @@ def _cycle(ratios: Array, efficiency: float) -> tuple[int, ...]:
 
 
 def _index(ratios: Array) -> float:
-    """The smallest r for which the preferences with ratios up to r have a cycle, at most one: by halving their list."""
+    """The smallest r, at most 1, for which the preferences with ratios up to r have a cycle: bisection of the sorted ratios."""
     candidates = np.unique(ratios[ratios < 1.0])
     first, last = 0, len(candidates)
     while first < last:
@@ -262,15 +262,15 @@ def _index(ratios: Array) -> float:
 
 
 def _graph(preferred: np.ndarray) -> Any:
-    """An edge for each preference."""
+    """The directed graph with an edge for each preference."""
     return sparse.csr_array(preferred.astype(np.float64))
 
 
 def _afriat_numbers(ratios: Array, efficiency: float) -> tuple[Array, Array]:
-    """u_s ≤ u_t + λ_t (e_ts − e) and λ ≥ 1, NaN where no floats have it.
+    """Return u and λ ≥ 1 with u_s ≤ u_t + λ_t (e_ts − e); NaN where no floating-point numbers satisfy this.
 
-    The linear programme's numbers are smaller (a hundredth for 30 random choices near their index), but it cannot tell ratios
-    within 1e-9 of e from e; the others are exact to rounding, and grow with the number of near ties.
+    The numbers of the linear programme are smaller (a hundredth for 30 random choices near their index), but it cannot
+    distinguish ratios within 1e-9 of e from e. Varian's numbers are exact to rounding, but grow with the number of near ties.
     """
     excess = ratios - efficiency
     for numbers in (_least_numbers, _numbers_in_order):

@@ -99,8 +99,8 @@ class DecisionProblem(ABC):
         return SmoothForm(self.constraints, self.cost_gradients)
 
     def is_admissible(self, actions: Array) -> np.ndarray:
-        """Return whether decisions (…,U) may be played, shape (…): rows of C, and kinks of the costs, which an observer inverts
-        as rows, are tight or slack by `min_slack`, so that the observer cannot take one for the other."""
+        """Return whether decisions (…,U) may be played, shape (…). Each row of C, and each kink of the costs, must be tight or
+        slack by at least `min_slack`: the observer then cannot mistake an inactive row for an active one."""
         form, usable = self.smooth_form(), self.constraints.is_admissible(actions)
         if form is None or form.lift is None:
             return usable

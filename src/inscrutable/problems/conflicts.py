@@ -20,7 +20,7 @@ class RowConflict(Summarised):
     """An irreducible set of rows that no decision satisfies together; without any one of them some decision would.
 
     Formula: rows A_ub u ≤ b_ub and A_eq u = b_eq contradict one another where y ≥ 0 and w exist with
-    A_ub'y + A_eq'w = 0 and b_ub'y + b_eq'w = −1; the rows of a corner of these (y, w) are irreducible.
+    A_ub'y + A_eq'w = 0 and b_ub'y + b_eq'w = −1; the rows in the support of a vertex of these (y, w) are irreducible.
 
     Args:
         names: The rows in conflict.

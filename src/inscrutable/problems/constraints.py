@@ -254,7 +254,7 @@ class Polyhedron:
 
     @property
     def rows_in_full(self) -> Polyhedron:
-        """The set as rows, in more variables than the decision's where it takes these."""
+        """The set as rows, with auxiliary variables where it needs them."""
         return self
 
     @property
@@ -376,7 +376,7 @@ class Bounds(Polyhedron):
 
     @property
     def general_rows(self) -> Rows:
-        """None."""
+        """No rows: every inequality bounds one coordinate."""
         return Rows(np.zeros((0, self.n_actions)), np.zeros(0))
 
     @cached_property
@@ -440,7 +440,7 @@ def checked_region(
     """Return a feasible set in `n_actions` coordinates that is not empty, or raise `InputError` or `ModelError`.
 
     Its coordinates are put in the order of `assets`, which takes the set's where it has none. `lifts` says that the problem
-    uses the set's rows in more variables; others get those in the decision.
+    uses the rows with auxiliary variables; other problems get the rows in the decision alone.
     """
     if not isinstance(constraints, Polyhedron):
         raise InputError(f"constraints must be a Polyhedron, got {type(constraints).__name__}")
@@ -485,13 +485,13 @@ def _limits(n: int, column: np.ndarray, coefficient: Array, sides: Array) -> tup
 
 
 def _tightest(rows: Array, sides: Array) -> np.ndarray:
-    """The numbers, in order, of rows (m,U) that are the first tightest of their direction."""
+    """The indices, in order, of the tightest of the rows (m,U) of each direction, the first of equal ones."""
     scale = np.abs(rows).max(axis=1, initial=0.0)
     return _first_of_least(sides / scale, rows / scale[:, None] + 0.0, axis=0)
 
 
 def _first_of_least(values: Array, kinds: np.ndarray, axis: int | None) -> np.ndarray:
-    """The places, in order, of the first of the least values of each kind."""
+    """The indices, in order, of the least value of each kind, the first of equal ones."""
     order = np.lexsort((np.arange(len(values)), values))
     _, first = np.unique(kinds[order], axis=axis, return_index=True)
     return np.sort(order[first])

@@ -155,7 +155,7 @@ class ConvexProblem(DecisionProblem):
             strictly_convex: As in the constructor.
 
         Raises:
-            InputError: A function returns another shape.
+            InputError: A function returns another shape, or `start` is no vector of finite numbers.
             ModelError: C is empty, or the costs are not finite at the start.
         """
         region = checked_region(constraints, constraints.n_actions)
@@ -206,8 +206,8 @@ class ConvexProblem(DecisionProblem):
         return np.asarray(solved[0]) if held.ndim == 1 else solved
 
     def _solved(self, model: Modelled, beliefs: Array) -> Array:
-        """Newton's method from the decision for equal probabilities, and an interior-point solver where its multipliers do not
-        prove an optimum. The start is always the same, so that ties are broken the same way."""
+        """Solve by Newton's method from the decision for equal probabilities; where the multipliers do not prove an optimum, by
+        the interior-point solver. The start is always the same, so that ties are broken the same way."""
         found = np.empty((len(beliefs), self.n_actions))
         left = np.ones(len(beliefs), dtype=np.bool_)
         if self.differentiable and self._central is not None:
@@ -260,7 +260,7 @@ class ConvexProblem(DecisionProblem):
         return found
 
     def _newton(self, beliefs: Array, starts: Array) -> Array:
-        """Newton's method for all beliefs together; one by one where it fails for some, and these as they start."""
+        """Apply Newton's method to all beliefs together; if it fails, to each alone, and keep the start where it fails."""
         try:
             return minimise_smooth(_Expected(self), beliefs, starts, self._layout)
         except (SolverError, ModelError):

@@ -129,9 +129,9 @@ def dispatch_problem(
 
     Raises:
         InputError: Shapes disagree, a bus does not exist, a mean, deviation or capacity is negative, there is nothing to
-            schedule.
-        ModelError: The load is more than all units can give, or no schedule meets it within the lines' limits; the rows in
-            conflict are named.
+            schedule, or `penalty` is not above zero.
+        ModelError: A quadratic cost of the network is negative, the load is more than all units can give, or no schedule meets
+            it within the lines' limits; the rows in conflict are named.
 
     Cost: one sparse factorisation of the network's matrix. Source: economic dispatch with direct-current flows, as in MATPOWER
     (Zimmerman, Murillo-Sánchez, Thomas, IEEE Transactions on Power Systems 26, 2011).

@@ -40,6 +40,7 @@ def constrained(cvxpy: Any, variable: Any, constraints: Sequence[Any], rows: Pol
 
     Raises:
         InputError: A constraint is not convex and piecewise linear, or more than sums of magnitudes of single coordinates.
+        ModelError: A constraint holds for every decision.
     """
     alone = [each for each in constraints if all(other.id == variable.id for other in each.variables())]
     region = rows

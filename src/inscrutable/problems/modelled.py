@@ -18,7 +18,7 @@ from inscrutable.validation import Array
 
 _LONGEST_NAME = 60
 _MOST_KEPT = 10_000  # stored decisions
-_LEAST_SCALE = 2.0**-30  # costs that are flat to rounding at the places looked at have no size
+_LEAST_SCALE = 2.0**-30  # costs that are flat up to rounding at these points have no scale
 _SAME = tolerances.EXACT_COST
 _FOREIGN = {"boolean", "integer", "complex", "imag"}
 """Attributes of variables under which the feasible set is not a convex set of real vectors."""
@@ -90,11 +90,11 @@ class Modelled:
 
     @cached_property
     def _scale(self) -> float:
-        """Size of the gradients at the probes and at the best decision of the even belief, a power of two and at most one.
+        """Size of the gradients at the probes and at the best decision for equal probabilities, a power of two and at most one.
 
-        Smaller costs are solved at size one, as the solver's tolerances are absolute: else the beliefs that explain an optimal
-        decision missed the agent's own in half of 60 cases at a size of 1e-4. Larger ones keep their size, which may be that
-        of a place far from all good decisions.
+        Smaller costs are scaled to size one, because the solver's tolerances are absolute: without this, the beliefs that
+        explain an optimal decision missed the agent's own in half of 60 cases at a size of 1e-4. Larger costs are not scaled,
+        because their size may be that at a point far from all good decisions.
         """
         count = len(self._costs)
         try:
@@ -148,7 +148,7 @@ class Modelled:
             try:
                 return self._solve_at(belief / self._scale)
             except (ModelError, SolverError):
-                pass  # judged, and told, at the costs' own size
+                pass  # the unscaled problem below is judged, and reported
         return self._solve_at(belief)
 
     @cached_property
@@ -157,14 +157,14 @@ class Modelled:
             return cone_programme(self._cvxpy, *self._compiled, self._variable)
         except (self._cvxpy.error.SolverError, self._cvxpy.error.DCPError):
             return None
-        except (ImportError, AttributeError, KeyError):  # of CVXPY's own parts, which may be others in another version
+        except (ImportError, AttributeError, KeyError):  # from CVXPY's internals, which differ between versions
             return None
 
     def _solve_at(self, belief: Array) -> Array:
         found = None if self._cones is None else self._cones.solve(belief)
         if found is not None:
             return found
-        problem, parameter = self._compiled  # says also why there is no solution
+        problem, parameter = self._compiled  # its status also says why there is no solution
         parameter.value = belief
         # CVXPY 1.9.3 compiles `sum_largest` (and `cvar`) by the variable's value, and fails where their number is no integer.
         self._variable.save_value(None)

@@ -87,7 +87,7 @@ def _newton_points(model: Model, here: Array, layout: Layout) -> Array:
 
 
 class _Ways(NamedTuple):
-    """Points (n,U), steps from them, values above which a trial is refused, the falls promised, the longest shares."""
+    """Line searches: points (n,U), steps, values that a trial must not exceed, predicted decreases and largest step lengths."""
 
     here: Array
     steps: Array
@@ -97,7 +97,7 @@ class _Ways(NamedTuple):
 
 
 def _searched(costs: SmoothCosts, held: Array, line: _Ways, doubtful: np.ndarray) -> tuple[Array, np.ndarray]:
-    """Shares of the steps at which the cost falls enough, and which points move; only the doubtful are searched."""
+    """Step lengths at which the cost falls enough, and which points move; the search is limited to the `doubtful` points."""
     shares = line.reach.copy()
     unsure = np.flatnonzero(doubtful)
     for _ in range(_MOST_HALVINGS):

@@ -141,7 +141,7 @@ def long_short(
 
     Raises:
         InputError: An asset is unknown, or a number is not finite.
-        ModelError: The gross limit is below |net|.
+        ModelError: The gross limit is below |net|, or the least net is above the greatest.
 
     Cost: none. Source: the paper, eq. (3).
 

@@ -37,11 +37,12 @@ class PowerNetwork:
         linear_costs: b, shape (G,), cost per MW and hour; or b and c, shape (G,2), c in cost per hour.
         line_ends: The two buses of every line, shape (L,2).
         line_data: Reactance x, per unit, and limit, MW, of every line, shape (L,2); or reactance, least and largest flow, inf
-            for no limit, and the flow of a phase shifter at equal angles, MW, shape (L,4). A reactance may be negative.
+            for no limit, and the flow of a phase shifter at equal angles, MW, shape (L,4), where a reactance may be negative.
 
     Raises:
-        InputError: Shapes disagree, a bus does not exist, a capacity is negative or below its least, a reactance is zero, a
-            limit is not above zero, or the lines do not connect all buses.
+        InputError: Shapes disagree, a bus does not exist or a label repeats, an entry is not finite, a least output or flow is
+            above the largest, a reactance is zero, the lines do not connect all buses, or one of the short forms (G,) and
+            (L,2) has a negative capacity, a reactance or a limit that is not above zero.
 
     Cost: one sparse factorisation. Source: Wood and Wollenberg, Power Generation, Operation, and Control (1996).
 

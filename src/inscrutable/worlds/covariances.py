@@ -92,7 +92,7 @@ class LedoitWolfCovariance:
     shrinks: bool = True
 
     def least_observations(self, n_columns: int) -> int:
-        """A handful."""
+        """A few, whatever the number of columns."""
         return min(FEWEST, n_columns + 1)
 
     def estimate(self, deviations: Array, shares: Array) -> Estimate:
@@ -134,7 +134,7 @@ class FactorCovariance:
         return f"factor:{self.n_factors}"
 
     def least_observations(self, n_columns: int) -> int:
-        """Two more than factors: with fewer they explain everything."""
+        """k + 2: with fewer observations the factors explain all variance."""
         return min(max(FEWEST, self.n_factors + 2), n_columns + 1)
 
     def estimate(self, deviations: Array, shares: Array) -> Estimate:

@@ -225,8 +225,8 @@ def _rank(restart: Restart) -> tuple[bool, float]:
 
 
 def _restart(data: Standardised, n_states: int, rule: CovarianceRule, rng: np.random.Generator) -> Climb:
-    """Run all starting points some steps, drop the worst and repeat; run the last to convergence. Collapsed ones are dropped
-    first."""
+    """Run all starting points for some steps, drop the worst, collapsed ones first, and repeat; run the last one to
+    convergence."""
     climbs = [Climb(data, starting_responsibilities(data.rows, n_states, kind, rng), rule) for kind in range(TRIALS)]
     for n_steps, n_kept in HEATS:
         for climb in climbs:

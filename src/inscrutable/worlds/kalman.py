@@ -223,7 +223,7 @@ def _gain(before: Array, sensor: Array, noise: Array) -> Array:
 
 
 def _joseph(before: Array, gain: Array, sensor: Array, noise: Array) -> Array:
-    """The covariance after reading, without a difference of large numbers."""
+    """The covariance after an observation in Joseph's form, without a difference of large numbers."""
     left = np.eye(len(before)) - gain @ sensor
     return _symmetric(left @ before @ left.T + gain @ noise @ gain.T)
 

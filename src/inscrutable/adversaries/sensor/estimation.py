@@ -36,7 +36,7 @@ def estimate_sensor(
             steps.
         transition: P of the agent's filter, shape (X,X); each row sums to one.
         n_symbols: Y, at least 1; None: the number of distinct columns found. A symbol that was never observed is then not
-            missed where as many columns are found as there are states: their rows can always be scaled to sum to one.
+            detected where as many columns are found as there are states: rows can then always be scaled to sum to one.
         n_bootstrap: Number of bootstrap resamples of the steps for the intervals; 0: intervals from the curvature of the fit.
         rng: Source of the resamples, required if `n_bootstrap` is positive.
 

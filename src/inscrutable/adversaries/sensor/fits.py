@@ -135,7 +135,7 @@ def _filled(columns: Array, errors: Array, scales: Scales, n_unseen: int) -> tup
         sensor = np.column_stack([sensor, np.tile(rest, (1, n_unseen))])
         spread = np.column_stack([spread, np.tile(np.maximum(rest, 1.0 / len(rest)), (1, n_unseen))])
     sums = sensor.sum(axis=1, keepdims=True)
-    known = sums[:, 0] > 0.0  # else the state is impossible in all beliefs, and nothing is known of what it shows
+    known = sums[:, 0] > 0.0  # else the state is impossible in all beliefs, and its row is unknown
     sensor[known] /= sums[known]
     sensor[~known], spread[~known] = 1.0 / sensor.shape[1], 1.0
     return sensor, spread
@@ -167,7 +167,7 @@ def _doubtful(steps: FilterSteps, groups: Groups) -> float:
 
 
 def _drowned(steps: FilterSteps, noise: float) -> bool:
-    """Whether the noise is about as large as the differences between symbols' beliefs."""
+    """Whether the noise is about as large as the distances between the beliefs after different symbols."""
     changes = float(np.sqrt(np.mean((steps.held - steps.predicted) ** 2)))
     return noise > _DROWNED * changes
 

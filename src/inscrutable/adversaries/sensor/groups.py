@@ -141,7 +141,7 @@ def _tree(steps: FilterSteps) -> tuple[Array, np.ndarray]:
 
 
 def _grouped(steps: FilterSteps, directions: Array, tree: np.ndarray, count: int) -> Groups:
-    """Return the best of several starts: the clustering cut into the groups asked for and some more; the largest are kept."""
+    """Return the best of several starts: the clustering is cut into `count` groups or some more, and the largest are kept."""
     best: Groups | None = None
     for spare in range(_SPARE_GROUPS):
         labels = fcluster(tree, count + spare, "maxclust") if len(tree) else np.ones(len(directions), dtype=int)

@@ -22,7 +22,7 @@ Piece = tuple[float, float]
 _PIECES, _FINEST = 16, 256
 """Pieces of the bounds at the start, and accuracy of an interval's ends as a share of it. With 5 and 48 pieces intervals of 30
 learned costs move within this accuracy, in .9 and 1.5 times the time; with a third of the accuracy they grow by up to .7 %,
-with three times of it they take as long."""
+with three times the accuracy they take as long."""
 _MOST_KEPT = 4096  # costs remembered, a limit of memory: these 30 take less than 1,400
 
 

@@ -33,7 +33,7 @@ _SHAPE = {1: 0.01, 2: 0.01, 3: 0.01, 4: 0.03}
 """Share of ε by which corners of the outer polytope may exceed it, by number of states up to four. With a third of it 18 sets
 have 1.8 times the corners, and a probability of a centre moves by up to 19 %; with three times .6 times, and by up to 26 %."""
 _STEPS, _MOST_SHRINKS = 50, 200
-"""Of hit-and-run, and trials on a line, a limit: 20 give the same. In one of eight sets over five to seven states the
+"""Steps of hit-and-run, and most trials on a line: 20 give the same. In one of eight sets over five to seven states the
 distribution of a coordinate of 800 members is .18 off with 17 steps, .09 with 50, .08 with 150 and with 400."""
 _FIRST_REACH, _FARTHER = 0.3, 3.0
 """Reach of the first projection, and the factor to the next. From .1 to 3, and from 2 to 30, bounds of 36 sets move by 1.5e-5

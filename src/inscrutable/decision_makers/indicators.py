@@ -26,7 +26,7 @@ from inscrutable.validation import Array
 
 
 def is_streamed(measure: PrivacyMeasure) -> bool:
-    """Whether the measure is one of the paper's three, known of all candidates at once; a user's own is called set by set."""
+    """Whether the measure is one of the paper's three indicators, which are computed for all candidates at once."""
     return type(measure) in (Infeasibility, NonUniqueness, NonExistence)
 
 

@@ -57,7 +57,7 @@ def score(belief: Array, optimal_cost: float, candidates: Candidates, measure: P
 
 
 def with_extra(scores: Scores, extra: list[Decision]) -> Scores:
-    """Return the scores with further decisions of known regret and privacy behind the candidates."""
+    """Return the scores of the candidates followed by further decisions of known regret and privacy."""
     problem = scores.candidates.problem
     added = make_candidates(problem, np.vstack([problem.as_points(d.action) for d in extra]))
     candidates = scores.candidates.joined(added)

@@ -61,8 +61,8 @@ class ComparisonRow(Saved):
         strength: Steps of a delay, or the fraction traded; NaN for others.
         path_error: Error of the aware observer over time, who knows the chain of the belief and sees every decision; NaN
             without a chain. The prior's error bounds it too.
-        path_error_se: Its standard error, over independent paths. path_top_state: Probability that this observer names a most
-            likely state.
+        path_error_se: Its standard error, over independent paths.
+        path_top_state: Probability that this observer names a most likely state.
         path_bits: Leakage of a decision to that observer beyond those before it, in bits.
         path_bits_se: Its standard error, over independent paths.
         path_ceiling: Upper bound of the error over time of every rule of the same expected regret; only in rows of the

@@ -22,7 +22,7 @@ from inscrutable import tolerances
 from inscrutable.validation import Array
 
 _FREE_STEPS = 4
-"""With two, a leap beside a nearly straight line takes four times as many steps; more bring nothing."""
+"""With two, a jump next to a nearly linear part takes four times as many steps; more change nothing."""
 _HALVINGS_A_STEP = 0.75
 """With one half, jumps and flat curves take a third more steps; with one, powers do."""
 _MOST_STEPS = 100

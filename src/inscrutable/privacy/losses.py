@@ -84,7 +84,7 @@ class SquaredError(Loss):
 
 
 class DecisionLoss(Loss):
-    """A loss that is the cost of a rival's decision, in a problem on so many states.
+    """A loss that is the cost of a rival's decision, in a problem on the same states.
 
     Example:
         >>> RivalProblem(FiniteProblem([[0.0, 1.0], [1.0, 0.0]])).rival(2)
@@ -93,7 +93,7 @@ class DecisionLoss(Loss):
 
     @abstractmethod
     def rival(self, n_states: int) -> DecisionProblem:
-        """Return the rival's decision problem on so many states."""
+        """Return the rival's decision problem on `n_states` states."""
 
     def least(self, beliefs: Array) -> Array:
         """Return V(π)."""
@@ -175,7 +175,7 @@ class NamingError(DecisionLoss):
 
 
 def checked_loss(loss: Any, n_states: int, problem: DecisionProblem | None = None) -> Loss:
-    """Return a loss on so many states, those of the agent's problem where it is given; the square error for None.
+    """Return a loss on `n_states` states, those of the agent's problem where it is given; the square error for None.
 
     Raises:
         InputError: It is no loss, or on other states, or the rival's problem names them otherwise than the agent's.

@@ -163,8 +163,8 @@ def path_leakage(
             on fewer beliefs the agent decides as at the nearest of them, with the error stated.
         n_steps: T, at least 1.
         rng: The source of paths and decisions.
-        n_draws: Sampled paths, at least 10. Where decisions lead to at most so many different laws, and the observer knows the
-            memory, all of them are enumerated instead, and the figures are exact.
+        n_draws: Sampled paths, at least 10. Where decisions lead to no more different laws than that, and the observer knows
+            the memory, all of them are enumerated instead, and the figures are exact.
         loss: A rival's loss, such as `RivalProblem(problem)`; None leaves its figures out.
         disclosure: What is disclosed of decisions, how often and how late, such as `every(3) | delayed(2)`, also as text; None
             is all, at once. `added` at step t is then the information in the disclosure of that step, given the public

@@ -24,7 +24,7 @@ _MANY = 0.1
 """Share of nonzero entries from which a table is multiplied as a dense one."""
 _LEAST_DRAWS = 10
 _FEW = 3
-"""Draws unlike the others from which the spread is trusted: of so many as are expected, 5 % of samples have none."""
+"""Draws unlike the others from which the spread is trusted: where this number is expected, 5 % of samples have none."""
 SIDE = 1.96
 """Standard errors to either side of a 95 % interval."""
 

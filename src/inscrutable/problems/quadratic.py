@@ -24,7 +24,7 @@ from inscrutable.validation import Array
 
 _CHUNK = 256
 """Beliefs solved in one warm-started run; a constant, so that results do not depend on the number of threads."""
-_UNSORTED = 8  # so many beliefs are not sorted: they are solved side by side
+_UNSORTED = 8  # up to this number, beliefs are not sorted but solved side by side
 _FEW = 16  # decisions whose costs are found in one product
 _MOST_EQUALITIES = 8
 _BLOCK_ENTRIES = 4_000_000

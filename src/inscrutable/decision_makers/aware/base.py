@@ -1,4 +1,4 @@
-"""The common part of decision makers against an aware observer: a prior, a budget, and one solution, which is kept."""
+"""The common part of decision makers against an aware observer: a prior, a budget, and one stored solution."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class AwareDecisionMaker(Described, ABC, Generic[Solution]):
         """Return the lotteries for beliefs (T,X)."""
 
     def solve(self, *, progress: Progress | None = None) -> Self:
-        """Solve now, with progress (steps done, steps at most); it is done once, and else at first use."""
+        """Solve now, not at first use; only the first call solves. `progress` is called with (steps done, most steps)."""
         if self._solution is None:
             self._solution = self._solve(progress)
         return self
@@ -105,7 +105,7 @@ class AwareDecisionMaker(Described, ABC, Generic[Solution]):
         return self._found.mechanism
 
     def decide(self, belief: ArrayLike) -> MixedDecision:
-        """Return the lottery for one belief (X,), in the prior's support or not."""
+        """Return the lottery for one belief (X,), also outside the prior's support unless there are guarantees."""
         return self.decide_many(
             validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names)[None]
         )[0]

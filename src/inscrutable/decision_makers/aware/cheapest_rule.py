@@ -26,8 +26,8 @@ from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.saved import Summarised
 
 _DECOYS = 60
-"""Decoys among the candidates where none are given: programmes grow with beliefs times candidates. With 20 11 of 16 rules for
-6 to 20 beliefs cost up to 11 % more, in .4 times the time; with 150 12 cost up to 1 % less, in 5 times the time."""
+"""Decoys among the candidates where none are given: programmes grow with beliefs times candidates. With 20 decoys, 11 of 16
+rules for 6 to 20 beliefs cost up to 11 % more, in .4 times the time; with 150, 12 cost up to 1 % less, in 5 times the time."""
 
 
 class LeastRegretStatus(Enum):

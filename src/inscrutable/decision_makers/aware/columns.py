@@ -42,7 +42,7 @@ class Columns:
         return Columns(self.problem, self.candidates, self.found.pick(which))
 
     def joined(self, beliefs: Array) -> Columns:
-        """Return them with the optimal decisions of some beliefs (n,X) behind, but for those that are among them.
+        """Return them followed by the optimal decisions of some beliefs (n,X) that are not among them.
 
         Optimal decisions are added even where a slack is below the feasible set's `min_slack`: no other decision may meet a
         budget.
@@ -103,9 +103,9 @@ def rounding_of(optimal_costs: Array) -> Array:
 
 
 def without_small(rows: Array, regrets: Array, least: float = tolerances.RARELY_PLAYED) -> Array:
-    """Return rows of probabilities (T,m) without tiny atoms; their probability goes to the row's cheapest atom.
+    """Return rows of probabilities (T,m) without tiny atoms.
 
-    So no row's expected regret rises by it.
+    Their probability goes to the row's cheapest atom, so that no row's expected regret rises.
     """
     played = rows > 0
     cheapest = np.where(played, regrets, np.inf).argmin(axis=1)

@@ -4,7 +4,7 @@ Each objective is a sum over decisions of a convex, homogeneous function of K(u|
 which are added at the tables found (Kelley's cuts). With any law r of the belief, or any answer a, after a decision
 
     I(π;u) = Σ_m s_m,             s_m ≥ Σ_b w_b K_bm log(r_b/w_b),
-    loss without decisions less loss = Σ_m s_m,  s_m ≥ Σ_b w_b K_bm (ℓ_b(a₀) − ℓ_b(a)),
+    reduction of the observer's loss = Σ_m s_m,  s_m ≥ Σ_b w_b K_bm (ℓ_b(a₀) − ℓ_b(a)),
 
 with equality for the posterior law and the best answer after the decision; a₀ is the best answer before it.
 """
@@ -34,7 +34,7 @@ class ToldAim(RowsAndCuts):
     """An objective to be minimised, in a unit in which it lies between 0 and 1."""
 
     def __init__(self, unit: float, spread: float) -> None:
-        self.unit, self.spread = unit, spread  # the spread is the most that can leak
+        self.unit, self.spread = unit, spread  # the spread is the largest possible leakage
 
     @abstractmethod
     def value(self, game: PlayedGame, table: Array) -> float:
@@ -123,7 +123,7 @@ class LeastWorth(ToldAim):
         return game.squares(means)
 
     def value(self, game: PlayedGame, table: Array) -> float:
-        """Return the loss without decisions less the one after them, both above the loss where the belief is known."""
+        """Return the reduction of the observer's loss by the decisions, at most the loss above that of the known belief."""
         which = np.flatnonzero(game.played(table) > 0)
         joint = game.weights[:, None] * table[:, which]
         return max(self.spread - float((joint * self._lost(game, game.means(table)[which])).sum()), 0.0)

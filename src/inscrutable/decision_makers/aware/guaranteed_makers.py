@@ -29,10 +29,10 @@ from inscrutable.errors import InputError, ModelError
 from inscrutable.validation import Array
 
 _PROPOSALS = 10
-"""Laws of the interior-point method before the first programme, each with cuts at the one before: most rules take one. With 3
+"""Laws of the interior-point method before the first programme, each with cuts at the one before: most rules take one. With 3,
 four of 36 rules for 6 to 20 beliefs leak up to .5 % more, one after 6 times the time; with 30 none leaks less."""
 _LINE_STEPS = 30
-"""With ten, two of 29 rules for 6 to 20 beliefs end with a value up to .3 % worse, in as much time."""
+"""With ten, two of 29 rules for 6 to 20 beliefs end with a value up to .3 % worse, in the same time."""
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 _IDLE = 4
 """Rounds that a cut of the objective stays without a price. With one these 29 take 1.7 times as long, six values are up to .5 %

@@ -1,7 +1,7 @@
 """The cheapest table K(u|π) that gives some guarantees: a linear programme, with cutting planes for guarantees that are not
 linear.
 
-On arrays alone. A guarantee is linear in K, or holds where all of infinitely many rows do, which are found as they are needed.
+This module uses arrays alone. A guarantee is linear in K, or equivalent to infinitely many rows, which are added as cuts.
 A mixture K'(·|π) = (1 − θ) K(·|π) + θ a, with a law a that does not depend on the belief, moves every posterior toward the
 prior; so a table that violates its guarantees by the solver's tolerance is made feasible at almost no regret. The bound needs
 no exact solution: with any prices y ≥ 0 of the rows A z ≤ b,
@@ -10,10 +10,11 @@ no exact solution: with any prices y ≥ 0 of the rows A z ≤ b,
 
 where z_j are the rows' own variables, each between 0 and 1.
 
-Large programmes use column generation. First decisions enter that cost less to beliefs which play a present one; then those of
-negative reduced cost that keep their own rows, at the prices α_b = min_m (c + A'y)_bm of the beliefs and those of the rows
-that all decisions share. If v is the least reduced cost, each for Σ_b w_b K_b = 1, the bound is too high by at most −min(0, v).
-That is done for guarantees which need no cuts and no comparison with the optimal rule.
+Large programmes use column generation. First, decisions enter that are cheaper than a present decision for the beliefs that
+play it. Then decisions of negative reduced cost enter. A reduced cost is a minimum over Σ_b w_b K_b = 1 under the decision's
+own rows, at the prices α_b = min_m (c + A'y)_bm of the beliefs and the prices of the rows that all decisions share. If v is the
+least reduced cost, the bound is too high by at most −min(0, v). Guarantees that need cuts, or compare with the optimal rule,
+use no column generation.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.validation import Array
 
 SPARSE: Any = sparse
-"""Without types: its stubs are too many for a type checker."""
+"""SciPy's sparse arrays as `Any`: their stubs overload a type checker."""
 
 NO_COLUMN, SHARED = -1, -2
 """In the place of a row's column: the row has no column; the row is shared by all decisions."""
@@ -222,7 +223,7 @@ class TableSearch:
         return any(cut is not None for cut in added)
 
     def _preferred(self, table: Array, columns: np.ndarray) -> np.ndarray:
-        """Absent decisions that cost less, on average, to the beliefs that play a present one; the largest saving first."""
+        """Absent decisions cheaper on average than a present one for the beliefs that play it, the largest saving first."""
         played = self.game.played(table)
         joint = self.game.weights[:, None] * table[:, played > 0]
         saved = (joint * self.regrets[:, played > 0]).sum(axis=0)[:, None] - joint.T @ self.regrets
@@ -388,7 +389,7 @@ def least_of_ratios(weights: Array, costs: Array, ratio: float, price: float) ->
     least = np.where(share * ratio >= 1.0, (paid + price) / share, np.inf).min(axis=0)
     if not np.isfinite(ratio):
         return np.asarray(least)
-    full = (share * ratio <= 1.0).sum(axis=0)  # so many have K_b = ratio
+    full = (share * ratio <= 1.0).sum(axis=0)  # number of beliefs with K_b = ratio
     last, which = np.minimum(full, len(weights) - 1), np.arange(costs.shape[1])
     before = np.where(full > 0, np.take_along_axis(paid, np.maximum(full - 1, 0)[None], axis=0)[0], 0.0)
     held = np.where(full > 0, np.take_along_axis(share, np.maximum(full - 1, 0)[None], axis=0)[0], 0.0)

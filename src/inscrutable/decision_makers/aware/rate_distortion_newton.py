@@ -1,8 +1,8 @@
 """The least rate to high accuracy: a primal–dual interior-point method on the law of few columns.
 
-On arrays alone. G(q) = max_{s ≥ 0} −Σ_b p_b log Σ_m q_m e^{−s d_bm} − s r is convex, and G(q) + Σ q over q ≥ 0 has its
-minimum at a law of least rate. On the central path 1 − c_m = t / q_m > 0, so that the bound holds as it is and the gap is
-t times the number of columns.
+This module uses arrays alone. G(q) = max_{s ≥ 0} −Σ_b p_b log Σ_m q_m e^{−s d_bm} − s r is convex, and G(q) + Σ q over q ≥ 0
+has its minimum at a law of least rate. On the central path 1 − c_m = t / q_m > 0, so that the bound holds as it is and the gap
+is t times the number of columns.
 """
 
 from __future__ import annotations

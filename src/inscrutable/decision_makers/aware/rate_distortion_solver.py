@@ -1,6 +1,6 @@
 """Least mutual information at an expected regret, with the bound that certifies it.
 
-On arrays alone; the letters are those of `rate_distortion_steps`. Any law and price bound the rate from below:
+This module uses arrays alone, and the letters of `rate_distortion_steps`. Any law and price bound the rate from below:
 R(r) ≥ −Σ_b p_b log z_b − log max_m c_m − s r. After squared Blahut–Arimoto steps on all columns comes an interior-point method
 on those that are played most, or have c_m > 1.
 """

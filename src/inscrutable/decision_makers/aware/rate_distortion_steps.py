@@ -1,8 +1,8 @@
 """Blahut–Arimoto steps and the price of regret.
 
-On arrays alone. With q the law of the played columns and s ≥ 0 the price of regret in nats per unit, the best rows for q
-are K_bm = q_m e^{−s d_bm} / z_b, z_b = Σ_m q_m e^{−s d_bm}; c_m = Σ_b p_b e^{−s d_bm} / z_b is how much more often column m is
-then played than under q, and is at most 1 for the best law.
+This module uses arrays alone. With q the law of the played columns and s ≥ 0 the price of regret in nats per unit, the best
+rows for q are K_bm = q_m e^{−s d_bm} / z_b, z_b = Σ_m q_m e^{−s d_bm}; c_m = Σ_b p_b e^{−s d_bm} / z_b is how much more often
+column m is then played than under q, and is at most 1 for the best law.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """The mechanism of largest loss for a rival with a decision of its own: linear programmes over the rival's answers.
 
-The rival's costs are linear in the belief, so with answers a of gain g_b(a) = ℓ(π_b,a) − L(δ_b) its loss under rows K is
-Σ_m t_m, t_m = min_a Σ_b p_b K_bm g_b(a). If the rival has few choices, all are answers from the start; else an answer enters
-that is best at a posterior mean (Kelley's cuts). The multipliers y_ma of the answers are a mixed answer to every decision. A
-decision enters while its reduced cost is negative for some belief; it is then said to *tempt* the belief. Any mixed answers
-bound the loss by every belief's best reply to them (`best_mixtures`).
+The rival's costs are linear in the belief, so with answers a of gain g_b(a) = ℓ(π_b,a) − L(δ_b) its loss under rows K is Σ_m
+t_m, t_m = min_a Σ_b p_b K_bm g_b(a). If the rival has few choices, all are answers from the start; else the best answers at
+posterior means enter (Kelley's cuts). For every decision m the multipliers y_ma of the answers form a mixed answer. A decision
+*tempts* a belief where its reduced cost is negative; decisions enter while they tempt some belief. The beliefs' best replies to
+any mixed answers bound the loss (`best_mixtures`).
 """
 
 from __future__ import annotations

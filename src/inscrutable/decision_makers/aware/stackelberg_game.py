@@ -1,7 +1,7 @@
 """Estimation of beliefs from decisions as a zero-sum game: the gain of the rows, and bounds for both sides.
 
-On arrays alone. The error is F(K) = Σ p|π|² − Σ_m |a_m|²/w_m with a_m = Σ_b p_b K_bm π_b and w_m = Σ_b p_b K_bm. It is
-concave in K. Estimates μ_m of all columns bound it by Σ_b p_b max_K Σ_m K_bm |π_b − μ_m|².
+This module uses arrays alone. The error is F(K) = Σ p|π|² − Σ_m |a_m|²/w_m with a_m = Σ_b p_b K_bm π_b and w_m = Σ_b p_b K_bm.
+It is concave in K. Estimates μ_m of all columns bound it by Σ_b p_b max_K Σ_m K_bm |π_b − μ_m|².
 """
 
 from __future__ import annotations

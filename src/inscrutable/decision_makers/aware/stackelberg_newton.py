@@ -1,9 +1,9 @@
 """The mechanism of largest Bayes error: a primal–dual interior-point method that is feasible on both sides.
 
-On arrays alone. The dual of the largest error is min Σ_b p_b (ℓ_b + λ_b) over levels ℓ, prices λ ≥ 0 and estimates μ with
-|π_b − μ_m|² ≤ ℓ_b + λ_b c_bm for every allowed column: no column offers a row more than its level and its price. The rows
-K are its multipliers. Estimates are variables, so that those of columns with little probability are accurate as well: the
-spare S_bm = ℓ_b + λ_b c_bm − |π_b − μ_m|² stays positive, and every step ends with a mechanism and a bound.
+This module uses arrays alone. The dual of the largest error is min Σ_b p_b (ℓ_b + λ_b) over levels ℓ, prices λ ≥ 0 and
+estimates μ with |π_b − μ_m|² ≤ ℓ_b + λ_b c_bm for every allowed column: no column offers a row more than its level and its
+price. The rows K are its multipliers. Estimates are variables, so that those of columns with little probability are accurate as
+well: the spare S_bm = ℓ_b + λ_b c_bm − |π_b − μ_m|² stays positive, and every step ends with a mechanism and a bound.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The mechanism of largest Bayes error among any number of columns, by column generation.
 
-On arrays alone. The estimate of an absent column is free: the one of the largest least reduced cost is the centre of a ball
-in X − 1 dimensions. A column *tempts* a belief where its reduced cost is negative.
+This module uses arrays alone. The estimate of an absent column is free: the one of the largest least reduced cost is the centre
+of a ball in X − 1 dimensions. A column *tempts* a belief where its reduced cost is negative.
 """
 
 from __future__ import annotations

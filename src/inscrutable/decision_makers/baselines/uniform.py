@@ -26,7 +26,7 @@ class UniformDecisionMaker(CandidateLottery):
         candidates: Decisions to draw from; None is about 5,000 decoys. Decisions (M,U) are accepted. Equal ones count once,
             inadmissible ones are left out.
         on_empty: "exclude" leaves out candidates that no belief explains, "infinite" keeps them: their privacy is
-        infinite, and an observer detects that the decision is not optimal.
+            infinite, and an observer detects that the decision is not optimal.
 
     Raises:
         InputError: An argument is malformed, or no candidate is left.

@@ -41,7 +41,7 @@ class Atoms:
         return float(mixture.probabilities @ self.privacies[mixture.indices]), max(mixture.price, 0.0)
 
     def extend(self, prover: Prover, fresh: np.ndarray, price: float, line: float) -> bool:
-        """Take in the decisions of points that lie above the line Ψ = line + price · regret; return whether one does."""
+        """Add the decisions of points that lie above the line Ψ = line + price · regret; return whether one does."""
         self.met.update(fresh.tolist())
         before = len(self.actions)
         for index in fresh:
@@ -49,7 +49,7 @@ class Atoms:
         return len(self.actions) > before
 
     def take(self, action: Array, price: float = 0.0, line: float = -np.inf) -> None:
-        """Take in a decision that lies above the line."""
+        """Add a decision if it lies above the line."""
         met = decision_for(self.problem, self.belief, action, self.measure, DecisionStatus.BEST_CANDIDATE)
         if met.privacy - price * met.regret > line and not met.belief_set.is_empty:
             self.actions.append(action)

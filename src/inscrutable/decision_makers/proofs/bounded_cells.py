@@ -34,7 +34,7 @@ class BoundedCells:
         self.ask(0.0, None)
 
     def ask(self, budget: float, multiplier: float | None) -> None:
-        """Turn to another question: the largest gain under a budget, or less a multiplier times the regret."""
+        """Set another question: the largest gain under a budget, or the largest gain minus `multiplier` times the regret."""
         self._budget, self._multiplier = budget, multiplier
         self._weights = allowed_weights(self._weights, multiplier)
         self._exact = np.zeros(len(self.cells.final), dtype=np.bool_)
@@ -50,7 +50,7 @@ class BoundedCells:
         return np.flatnonzero(self.bounds > floor)
 
     def worst_open(self, floor: float, most: int) -> np.ndarray:
-        """Return at most so many cells that are not final, those of the largest exact bounds above a floor."""
+        """Return at most `most` cells that are not final, those of the largest exact bounds above a floor."""
         worst = self._worst(np.flatnonzero((self.bounds > floor) & ~self.cells.final), most)
         return np.asarray(worst[self.bounds[worst] > floor])
 
@@ -59,7 +59,7 @@ class BoundedCells:
         return np.asarray(self.bounds[which] - self._weights[which].sum(axis=1) * self.cells.lost[which])
 
     def keep(self, which: np.ndarray) -> None:
-        """Leave out all others than these (C,)."""
+        """Keep only the cells `which` (C,)."""
         self.cells = self.cells.pick(which)
         self._weights, self._exact, self.bounds = self._weights[which], self._exact[which], self.bounds[which]
 

@@ -32,19 +32,20 @@ from inscrutable.problems import DecisionProblem, KellyProblem, quadratic_proble
 from inscrutable.validation import Array
 
 _MOST_CELLS = 256
-"""Halved in one round. With 85 24 proofs take 3 % fewer calls, with 768 2 % more; 16 of up to 700 calls do not differ."""
+"""Most cells halved in a round. With 85, 24 proofs take 3 % fewer calls; with 768, 2 % more; 16 of up to 700 calls do not
+differ."""
 _NEARLY, _MOST_KINKS = 0.15, 4
 """Share of a cell's gap left without its loss at kinks, below which a cut at a kink is worth while; and such cuts in a row, or
 cells become ever thinner. 16 proofs over two to four states take up to 2 % fewer or more calls, and the same time, from 0 to
 .6 and from one to eight."""
 _EDGE_SHARE = 1.2
-"""A cell's edge over 1 − τ, the rest of the ray to it: both errors are then of equal size. With half as much the one of these
-16 proofs that is left open ends 5 % higher, with twice as much none differs."""
+"""A cell's edge over 1 − τ, the rest of the ray to it: both errors are then of equal size. With half of it, the one of
+these 16 proofs that stays open ends 5 % higher; with twice as much, none differs."""
 _ATTEMPTS = 3  # a limit against endless repetition: none of 124 proofs takes a second one
 _JUDGED_SLOWLY = 2
-"""Points whose decisions are judged in one round where consistent beliefs take cutting planes: with six four proofs take 1.8
-times as long, with 64 6.9 times. Elsewhere all are: with 64 one of 62 lotteries is 11 % less private, with 21 two more are, by
-up to 74 %, in .9 of the time."""
+"""Points whose decisions are judged in one round where consistent beliefs take cutting planes: with six, four proofs take 1.8
+times as long, with 64, 6.9 times. Elsewhere all points are judged: with 64, one of 62 lotteries is 11 % less private, with 21
+two more are, by up to 74 %, in .9 of the time."""
 
 
 class Question(NamedTuple):
@@ -162,7 +163,7 @@ class Prover:
         return np.where(usable, reference.sign * np.where(usable, distances, 0.0), -np.inf)
 
     def _halved(self, cells: DescribedCells, nearly: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Cut along a long edge on which V is curved; at a kink where a cell is `nearly` done but for its loss there."""
+        """Cut cells along a long edge on which V is curved, or at a kink if a cell is `nearly` done without its loss there."""
         corners, kinks = cells.corners, cells.kinks
         pairs = edges(corners.shape[1])
         points, costs = self.points.beliefs[corners], self.points.costs[corners]
@@ -228,7 +229,7 @@ class Prover:
         return self.points.regret_bounds(corners, levels, self.points.upper_costs(corners))
 
     def _close_shared(self, bounded: BoundedCells, single: np.ndarray) -> None:
-        """Write into cells whose corners share one decision its privacy, where beliefs have a `single` one (C,)."""
+        """Close cells whose corners share one decision with its privacy, where beliefs have a `single` decision (C,)."""
         if not single.any():
             return
         corners = bounded.cells.corners

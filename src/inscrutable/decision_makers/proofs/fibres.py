@@ -20,8 +20,8 @@ from inscrutable.geometry.simplicial import directions_to
 from inscrutable.validation import Array
 
 _MOST_UNSURE = 3
-"""Rows that may be tight or not. With none three more of 24 proofs over two to four states stay open, and one takes 36 times
-the calls; with one and with nine none differs by more than four calls."""
+"""Most rows whose state, tight or slack, is open. With none, three more of 24 proofs over two to four states stay open, and one
+takes 36 times the calls; with one and with nine none differs by more than four calls."""
 
 
 class _Cells(NamedTuple):

@@ -34,8 +34,8 @@ from inscrutable.problems import KellyProblem
 from inscrutable.validation import Array
 
 _ROUNDS = 3
-"""Of tightening the bounds of wealth and slacks by each other. With one 12 proofs take up to 1.25 times the calls, with nine
-none takes over 4 % less."""
+"""Rounds in which the bounds of wealth and of slacks tighten each other. With one, 12 proofs take up to 1.25 times the calls;
+with nine, none takes over 4 % less."""
 
 
 def whitened_growth(problem: KellyProblem) -> Whitened | None:

@@ -15,8 +15,8 @@ from inscrutable.decision_makers.proofs.smooth_cells import SmoothCells, complem
 from inscrutable.validation import Array
 
 _LEAST_SHARE = 0.03
-"""Of the edge on either side; nearer to a corner a cut is not worth its sliver. With 0 24 proofs take as many calls in all,
-with .1 one takes .6 of them; no gap differs by more than .004."""
+"""Least share of the edge on either side of a cut; nearer to a corner a cut leaves a sliver. With 0, 24 proofs take as many
+calls in all; with .1, one takes .6 of them; no gap differs by more than .004."""
 
 
 class Cuts(NamedTuple):

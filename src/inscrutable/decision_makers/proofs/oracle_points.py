@@ -9,11 +9,11 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 N_LEVELS = 16
-"""Of shares of a ray. Of 60 proofs for problems known by their solves 26 take up to 55 times the calls with five; none differs
-with 48."""
+"""Levels l of the shares of a ray. With five, 26 of 60 proofs for problems known by their solves take up to 55 times the calls;
+with 48, none differs."""
 _TRIED = (0, -1, 1)
-"""Levels, from that of a cell. With the first alone 8 of these 60 end up to 6.7 % higher, and 22 take up to 7 % more calls;
-with two more none ends lower."""
+"""Levels tried, relative to that of a cell. With the first alone, 8 of these 60 end up to 6.7 % higher, and 22 take up to 7 %
+more calls; with two more, none ends lower."""
 LEVELS_TRIED = len(_TRIED)
 
 

@@ -18,8 +18,8 @@ from inscrutable.validation import Array
 
 _FLOOR = -3.0  # below the normalised costs, which lie between 0 and 1
 _TRIED_SHARE = 0.1
-"""Of the oracle calls, where costs may be curved. Of 30 tables of up to 80 choices over two to five states 28 have their cells
-after so many, 27 with .03 and all with .3; curved costs over two to six states take 176 to 827 of 10,000 in vain."""
+"""Share of the oracle calls that is tried where costs may be curved. It suffices for 28 of 30 tables of up to 80 choices over
+two to five states, .03 for 27, and .3 for all; curved costs over two to six states take 176 to 827 of 10,000 in vain."""
 _MOST_ENTRIES, _MOST_CORNERS = 20_000_000, 1e9
 """Limits of memory: corners times decisions, and a bound of a polytope's corners by its facets. 60 linear problems over two to
 six states stay at a ninetieth and a seventieth of them."""
@@ -44,7 +44,7 @@ class Subdivision:
 
 
 class Subdivider:
-    """Finds the cells of a problem, at most so many calls of its oracle."""
+    """Finds the cells of a problem with a limited number of calls of its oracle."""
 
     def __init__(self, problem: DecisionProblem, most_calls: int) -> None:
         self.problem = problem.without_common_costs

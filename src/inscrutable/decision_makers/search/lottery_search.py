@@ -93,8 +93,8 @@ class _Block:
         least = -np.linalg.norm(aims.points - aims.beliefs, axis=1) if aims.sign < 0 else np.zeros(count)
         self._keep(_OWN, aims.optimal, aims.beliefs, np.zeros(count), least)
         if aims.sign < 0:
-            # Nothing is nearer to a target than the decision that the target itself makes optimal. At the target the distance
-            # has a kink, where climbs by slopes do not end.
+            # The decision that is optimal under the target is the nearest to it. There the distance has a kink, at which
+            # gradient ascent does not converge.
             target = problem.solve_rows(aims.points)
             regrets = (problem.costs_of(target) * aims.beliefs).sum(axis=1) - aims.optimal_costs
             allowed = problem.constraints.is_admissible(target)

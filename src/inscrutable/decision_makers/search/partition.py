@@ -90,8 +90,8 @@ class Partition:
         return self.numbers(self._slacks(actions) < self._observed)
 
     def holding_some(self, actions: Array) -> tuple[np.ndarray, np.ndarray]:
-        """Return the same, and behind them, where rows are slack by less than the least, the regions with those rows loose:
-        which decision each number belongs to, and the numbers."""
+        """Return the decision and the number of each region: those of `holding`, then, for decisions with a row slack by less
+        than `min_slack`, the regions in which that row is loose."""
         slack = self._slacks(actions)
         seen, exact = slack < self._observed, slack <= tolerances.FEASIBILITY
         other = np.flatnonzero((seen != exact).any(axis=1))
@@ -162,7 +162,7 @@ class _Flat:
         self.values, self.size = np.empty(1024), 0
 
     def append(self, added: Array) -> int:
-        """Add numbers behind the last; return where they begin."""
+        """Append numbers; return where they begin."""
         first, self.size = self.size, self.size + added.size
         if self.size > self.values.size:
             self.values = _longer(self.values, max(self.values.size, added.size), 0)

@@ -45,13 +45,13 @@ from inscrutable.validation import Array
 _ON_EDGE = 50
 """Beliefs on an edge of the simplex; with 12, 2 of 40 lotteries over six states and three assets lose 28 %."""
 _ENOUGH = 1000
-"""Candidates to start from: with the 66 of a grid of tenths alone 1 of 60 decisions over three states loses 70 %."""
+"""Candidates to start from: with only the 66 of a grid of tenths, 1 of 60 decisions over three states loses 70 %."""
 _BLOCK = 1024  # beliefs whose searches are kept in memory at once
 _CHUNK = 4  # beliefs that a thread takes at a time; with 1 or 16 on two cores no difference shows in the noise
 _STARTS, _SIGNS = 60, 7  # candidates that a search starts from; directions whose signs make an orthant
-"""With 12 starts one of 72 beliefs over six states loses 44 %; with three directions 9 of 144 beliefs over five and six states
-with as many assets or fewer lose up to 37 %. With 24 and five 3 of 1,176 over five to eight states lose up to 5.7 %; they
-take a tenth to a third less time from seven states on, and as long over three and four."""
+"""With 12 starts, one of 72 beliefs over six states loses 44 %; with three directions, 9 of 144 beliefs over five and six
+states with as many assets or fewer lose up to 37 %. With 24 and five, 3 of 1,176 over five to eight states lose up to 5.7 %;
+they take a tenth to a third less time from seven states on, and as long over three and four."""
 _MOST_REACHED, _MOST_TRIED = 64, 1024
 """Regions that a search keeps, and that it may climb. With 16 one of 240 decisions in concentrated markets loses 22 %, with 128
 two lose up to 1.6 %, none faster; others do not change."""
@@ -65,7 +65,7 @@ _PAIRS = 4
 """Beliefs in two states only. With two, one decision and four lotteries of 240 where states outnumber assets lose, up to .02 %;
 without, seven and 20, up to 65 %."""
 _SPARSE = 4
-"""From so many states on candidates lie too far apart to tell where a climb from them ends: no start is skipped. With skips 12
+"""Number of states from which no start is skipped: candidates lie too far apart to predict where a climb ends. With skips, 12
 of 5,800 decisions over four states lose up to 74 %, and 36 lotteries up to 12 %; of 900 decisions over five to eight states and
 as many assets or fewer 42 lose up to 50 %. They take a third to two thirds of the time, and over three states, where of 6,800
 decisions none and of as many lotteries seven lose, up to .7 %, a quarter to two thirds."""

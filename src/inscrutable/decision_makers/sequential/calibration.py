@@ -205,7 +205,7 @@ def _followed(rule: StepRule, law: ChainLaw, draws: Array, reads: Array | None) 
 
 
 def _bracket(market: _Market, told: float, silence: float, n_steps: int) -> tuple[PriceTrial, PriceTrial]:
-    """Trials with regrets above and below the limit; equal where one is near enough."""
+    """Return trials with regrets above and below the limit; one trial twice where its regret is near enough."""
     unit = 1.0 if np.isinf(told) else market.table.unit + told
     price = unit / silence if np.isfinite(silence) else unit / market.limit
     low = high = None
@@ -227,7 +227,7 @@ def _bracket(market: _Market, told: float, silence: float, n_steps: int) -> tupl
 def _narrowed(
     market: _Market, told: float, ends: tuple[PriceTrial, PriceTrial], n_steps: int
 ) -> tuple[PriceTrial, PriceTrial]:
-    """The same between two prices, by lines through the logarithms."""
+    """Narrow such a bracket by interpolation between the logarithms of regrets and prices."""
     low, high = ends
     for _ in range(_MOST_TRIALS):
         if high.price <= low.price * _NARROW:
@@ -258,8 +258,8 @@ def _loss_at(limit: float, low: PriceTrial, high: PriceTrial) -> float:
 
 
 def _refined(market: _Market, told: float, ends: tuple[PriceTrial, PriceTrial]) -> PriceCalibration:
-    """The same with long simulations."""
-    if ends[0] is not ends[1]:  # the regret leaps past the limit
+    """Return the calibration at a price of information, refined by long simulations."""
+    if ends[0] is not ends[1]:  # the regret jumps over the limit
         low, high = (tried(market, Prices(each.price, told), _LAST) for each in ends)
         if low.regret > market.limit > high.regret:
             return _made(market.limit, told, [low, high])
@@ -274,9 +274,9 @@ def _nearest(limit: float, trials: Sequence[PriceTrial]) -> PriceTrial:
 
 
 def _approached(market: _Market, prices: Prices, slope: float, n_steps: int, most: int) -> tuple[PriceTrial, float]:
-    """The nearest to the limit of some trials of so many steps, and the last slope d log regret / d log price.
+    """Return the trial of `n_steps` steps nearest to the limit, and the last slope d log regret / d log price.
 
-    Trials of another length have another error, so that their regrets are no bracket here.
+    Trials of another length have another error, so that their regrets do not bracket the limit.
     """
     limit, trials = market.limit, list[PriceTrial]()
     low = high = None

@@ -84,7 +84,7 @@ class _Found:
 
 
 def finite_rule(table: StepTable, law: ChainLaw, calibration: PriceCalibration, most: int) -> FiniteRule:
-    """Return the rule as a mechanism with at most so many memories: laws are followed from the first one, breadth first."""
+    """Return the rule as a mechanism with at most `most` memories, found by breadth-first search from the first law."""
     rules = [StepRule(table, calibration.prices(index)) for index in range(len(calibration.shares))]
     found = _Found([_Memory(index, law.start(), -1) for index in range(len(rules))])
     while len(found.steps) < len(found.memories) <= most:

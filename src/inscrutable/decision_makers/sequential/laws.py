@@ -33,9 +33,9 @@ class ChainLaw:
         return None if self.chain.public is None else len(self._forwards)
 
     def symbols(self, public: Any, n_steps: int) -> np.ndarray:
-        """Return the public information of so many steps as symbols: for real numbers, one row a step, their cells.
+        """Return the public information of `n_steps` steps as symbols; real numbers, one row a step, become their cells.
 
-        Raises `InputError` where it is neither, or of another length.
+        Raises `InputError` where it is neither symbols nor such rows, or of another length.
         """
         if self.n_public is None:
             raise InputError("public was given, but the rule's chain has no public information")
@@ -72,7 +72,7 @@ class ChainLaw:
         return np.asarray(found / total)
 
     def later(self, state: Array, n_steps: int) -> Array:
-        """Return the law so many steps later, where nothing is public."""
+        """Return the law `n_steps` steps later, where nothing is public."""
         for _ in range(n_steps):
             state = self.moved(state)
         return state

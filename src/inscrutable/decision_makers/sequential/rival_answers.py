@@ -64,7 +64,7 @@ class RivalAnswers:
         return np.asarray(joint.T @ self.common + (sums * costs).sum(axis=(0, 2)))
 
     def joined(self, joint: Array, least: float) -> Self | None:
-        """Return the same with the best answers after decisions that save at least so much; None where none does."""
+        """Return the same with the best answers to decisions, where these save more than `least`; None where none does."""
         sums, costs = self._best(joint)
         held = sums.sum(axis=2)
         saved = (sums @ self.costs).min(axis=2) - (sums * costs).sum(axis=2)

@@ -42,7 +42,7 @@ def classes_of(columns: Columns, disclosure: Disclosure) -> Classes:
 
 
 class Knowledge:
-    """The estimates of an observer to whom all decisions come so many steps late, from the laws after every decision.
+    """The estimates of an observer who sees all decisions with a lag, from the laws after every decision.
 
     Public information comes at once.
     """

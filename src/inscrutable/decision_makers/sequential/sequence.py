@@ -152,7 +152,7 @@ class DecisionSequence(Summarised, KeptInFile):
     def is_shown(self) -> bool:
         """Whether the decision of this step will be disclosed; if not, it is the optimal one."""
         passed = self.n_steps + self._published
-        if self._law.n_public is not None:  # the public symbol before the first decision counts as a step too
+        if self._law.n_public is not None:  # the public symbol before the first decision begins a step too
             passed = max(passed - 1, 0)
         return self._table.disclosure.schedule.shows(passed)
 
@@ -250,7 +250,7 @@ class DecisionSequence(Summarised, KeptInFile):
                 the chain has none.
 
         Raises:
-            InputError: A symbol is missing or not asked for, or it has probability 0 by now; nothing is recorded then.
+            InputError: A symbol is missing, not asked for, or of probability 0 under the present law; nothing is recorded then.
         """
         count = self._law.n_public
         if count is None and public is not None:

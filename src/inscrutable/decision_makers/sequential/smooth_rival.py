@@ -29,15 +29,15 @@ from inscrutable.validation import Array
 
 _STEPS, _ROUNDS = 30, 40  # four and three are usual
 _PRICING_STEPS = 40
-"""As many steps of the rival's answer to one decision; with 15 or 120, 24 portfolio rivals take as long."""
+"""Most steps for the rival's answer to one decision; with 15 or 120, 24 portfolio rivals take as long."""
 _CUT = 0.3
 """A step that does not help is cut to this share; 24 portfolio rivals take 1.5 times as long with .1, as long with .5."""
 _ADDED, _TRIED = 8, 120
 """Decisions that enter at once, and that are priced at once. Of 13 portfolio rivals at a small price of information 2 are left
 unsolved, with 5 and 60 four, in twice the time; with 2 or 30 steps take 1.3 to 2.5 times as long."""
 _SURE, _CERTAIN = 0.1, 0.9
-"""Shares of a decision's gain that further steps may still change where it is priced no longer, and that a better answer may
-still take; with a tenth or five times of the first, or .1 for the second, 30 portfolio rivals take as long."""
+"""Shares of a decision's gain at which its pricing ends: the change by a further step, and the loss to a better answer; with a
+tenth or five times of the first, or .1 for the second, 30 portfolio rivals take as long."""
 _STEEPEST = 690.0  # the exponent of the largest term of a sum
 _LAST = 0.01  # slope of the last step, in units of the gain to which decisions are priced; with .001 and .1 as long
 _BISECTIONS = 26  # with 13 and 40 as long

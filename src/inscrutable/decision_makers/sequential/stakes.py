@@ -107,7 +107,7 @@ class Stakes:
         return np.tile(single, (1, self.points.shape[1] // self.width))
 
     def begun(self, law: Array, least: float) -> Self:
-        """Return the same with a rival's best answers to a law (B,) that save at least so much of its loss."""
+        """Return the same with a rival's best answers to a law (B,), where these save more than `least` of its loss."""
         found = None if self.rival is None else self.rival.joined(law[:, None], least)
         return self if found is None else self._with(found.begun())
 
@@ -124,8 +124,8 @@ class Stakes:
         return first._with(self.rival.mixed(self._blocks(estimates), first.rival))
 
     def joined(self, joint: Array, least: float) -> Self | None:
-        """Return the same with a rival's best answers after decisions that save at least so much of its loss; None where no
-        answer is missing."""
+        """Return the same with a rival's best answers to decisions, where these save more than `least` of its loss; None where
+        no answer is missing."""
         found = None if self.rival is None else self.rival.joined(joint, least)
         return None if found is None else self._with(found)
 

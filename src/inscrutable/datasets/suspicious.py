@@ -42,8 +42,8 @@ def suspicious_entries(returns: pd.DataFrame) -> tuple[str, ...]:
     Returns:
         One sentence each, in the order: returns too large for any market, steps that look like a split, columns that repeat
         another one, values repeated row after row and columns that only rise, gaps between dates. Empty where no entry is
-        suspicious. On 300 rows of 12 columns
-        of Student's t with three degrees of freedom and 6 % a row, fewer than one table in a hundred give a warning.
+        suspicious. On 300 rows of 12 columns of Student's t with three degrees of freedom and 6 % a row, fewer than one table
+        in a hundred gives a warning.
 
     Cost: O(T U log T).
 

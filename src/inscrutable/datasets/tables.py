@@ -134,8 +134,8 @@ def read_returns(path: PathLike, *, prices: bool = False) -> pd.DataFrame:
         earned up to its date.
 
     Raises:
-        InputError: With file, line and column: missing, empty or unreadable file, only a header, no asset column,
-            another separator, duplicated or blank column names, rows of another length, text or missing or infinite
+        InputError: With file, line and column: missing, empty or unreadable file, only a header, no asset column, decimal
+            commas beside points, duplicated or blank column names, rows of another length, text or missing or infinite
             cells, dates that are missing, unreadable, ambiguous, duplicated or not in order, prices not above 0,
             returns below -1, and returns that look like percentages or prices (most of them above 1 in size).
 
@@ -265,7 +265,8 @@ def read_weights(path: PathLike, *, assets: Sequence[str], net: float | None = 1
     Raises:
         InputError: With file, line and column: everything `read_returns` raises about files and cells, labels that are
             blank or duplicated, assets that are missing or unknown (all listed), and rows that miss the sum `net` by more
-            than `tolerances.PUBLISHED_SUM`.
+            than `tolerances.PUBLISHED_SUM` and than rounding explains: U half units of the last digit, at most
+            `tolerances.COARSEST_SUM`.
 
     Cost: O(T U).
 

@@ -195,7 +195,7 @@ def decoy_grid(problem: DecisionProblem, resolution: int, *, faces: bool = False
         other choice that some belief explains.
 
     Raises:
-        InputError: The resolution is not a whole number of at least 1, or `faces` is asked for where decisions are unique.
+        InputError: The resolution is not a whole number of at least 1, or `faces` is asked for and costs are not linear.
 
     Cost: one forward solve per decoy; 8U + 32X + 17 bytes a candidate kept (`Candidates.memory`), blocks besides.
     Source: the paper's set {ū^(l)}, for its measures (b), (d) and (e).
@@ -222,8 +222,8 @@ def decoy_grid(problem: DecisionProblem, resolution: int, *, faces: bool = False
 
 
 def default_decoys(problem: DecisionProblem) -> Candidates:
-    """Return the candidates that are used where none are given: about 5,000 decoys, whatever the number of states:
-    a regular grid, filled up to at most 6,250 above six states; for linear costs also mixtures of tied vertices."""
+    """Return the candidates that are used where none are given: about 5,000 decoys on a regular grid, filled up to at most
+    6,250 above six states. Linear costs add mixtures of tied vertices; a finite problem has its explained choices alone."""
     if checked_problem(problem).is_discrete:
         every = _explained(problem, np.eye(problem.n_actions))
         assert every is not None, "some choice is the cheapest for every belief"

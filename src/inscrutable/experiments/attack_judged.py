@@ -39,9 +39,9 @@ class JudgedObserver(NamedTuple):
     """What one observer read of the rows that it could read.
 
     `asked` is the requirement for the beliefs of these rows to count as hidden; None where no row was read, and where the
-    stationary law, which an observer without weights estimates, is not unique. `n_off` rows are none that the rule plays which
-    the observer assumes; where they are the most, it is misled by a wrong rule, not by these weights. So it is where it errs
-    far more than by `expected`, its error if its rule were the true one.
+    stationary law, which an observer without weights estimates, is not unique. `n_off` is the number of rows that the assumed
+    rule does not play. If they are the majority, or if the error is far above `expected`, the error under the true rule, then
+    the observer is misled by a wrong rule and not by these weights.
     """
 
     reached: Reached
@@ -60,8 +60,8 @@ class JudgedObserver(NamedTuple):
 
     @property
     def is_misled(self) -> bool:
-        """Whether the beliefs would count as hidden from an aware observer that errs far more than it expects, or more than
-        without weights: the rule or the beliefs are others than those of the weights."""
+        """Whether the beliefs would count as hidden although the aware observer errs far more than it expects, or more than
+        without weights: the assumed rule, or the beliefs, are then not those of the weights."""
         if self.asked is None or self.n_read < 2 or not self.asked.is_met(self.reached):
             return False
         odd = min(_OVERCONFIDENT * self.expected, _MISLED * self.asked.error_without)
@@ -167,7 +167,7 @@ def judge_attack(attack: Attack, beliefs: pd.DataFrame, over_time: AttackOverTim
     world = attack.model.world
     found = [_observer(_NAIVE, world, attack.estimates[read], held[read])]
     if over_time is not None:
-        found[0] = found[0]._replace(ranking=None)  # what the better informed observer tells is what counts
+        found[0] = found[0]._replace(ranking=None)  # only the better informed observer is judged
         found.append(
             _observer(_AWARE, world, over_time.inferred.mean, held)._replace(
                 n_off=over_time.n_off, expected=over_time.expected_error

@@ -50,7 +50,7 @@ class AttackOverTime:
         inferred: The observer's law of the belief after each row, and how each row was read.
         prior_error: √E‖π − E π‖², its error without weights, in the long run of the model.
         n_off: Number of rows that the rule does not play: those farther from its nearest decision than that one's neighbours
-            are; for the sequential rule all that it does not play, but for rounding.
+            are; for the sequential rule all that it does not play, rounding allowed for.
         budget: The rule's budget that the observer assumes, in words; empty where the rule has none.
     """
 
@@ -181,7 +181,7 @@ class _Watched:
         return made
 
     def n_off(self, attack: Attack, statuses: Sequence[SequenceStatus]) -> int:
-        """Return how many rows of weights are none that may be played, but for rounding."""
+        """Return how many rows of weights the rule does not play, rounding allowed for."""
         rounding = tolerances.SAME_ACTION if attack.decimals is None else half_unit(attack.decimals)
         gaps = [np.abs(each - row).max(axis=1).min() for each, row in zip(self._played, attack.actions, strict=True)]
         return sum(

@@ -66,7 +66,7 @@ _LOGGER = logging.getLogger(__name__)
 _NAMES = {2: ("calm", "turbulent"), 3: ("calm", "normal", "turbulent")}
 _BASIS_POINTS = 10_000.0
 _SEEDS = 6
-"""The fifth is that of the page's lotteries."""
+"""Number of child seeds; the fifth is that of the page's lotteries."""
 
 
 def run_backtest(

@@ -79,8 +79,8 @@ def resolution_for(n_states: int, most: int | None = None) -> int:
 def doubted(chain: BeliefChain) -> BeliefChain:
     """Return the chain mixed with independent draws from the prior, so that no move has probability 0.
 
-    Formula: T = (1 − ε) T + ε 1 w', which keeps the prior w. Without it, every fifth row of real data has probability 0, and
-    the observer's error exceeds that from single decisions.
+    Formula: (1 − ε) T + ε 1 w', whose stationary law is still the prior w. Without this mixture, every fifth row of real data
+    has probability 0, and the observer's error exceeds that from single decisions.
     """
     weights = chain.prior.weights
     anew = np.tile(weights, (len(chain.prior), 1))

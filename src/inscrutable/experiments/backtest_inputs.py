@@ -45,8 +45,8 @@ class BacktestSettings:
         risk_aversion: γ of γu'Σu − μ'u (no ½), per unit of return. At 5 the investor in the embedded industries holds
             four of them, and |c*| stays clear of zero, so a share of it means something in every month; from 7 on c*
             changes its sign in between.
-        budget: Budget of all decision makers, a share of |c*| or a `Budget`. None: a tenth of |c*| at every decision of CDM
-            and PDM, as in the paper, and half the silence regret of the fitted world in the long run of the SDM.
+        budget: Budget of all decision makers: a share of |c*|, a `Budget` or a `SilenceShare`. None: a tenth of |c*| at every
+            decision of CDM and PDM, as in the paper, and for the SDM half the silence regret of the fitted world in the long run.
         measure: Privacy measure Ψ; the default is the paper's `MaximalObfuscation()`.
         cost_bps: Cost per unit traded, in basis points of it, at least 0; 10 is the usual order for large stocks.
         train_until: Last date of the training sample, or the month or year that it is the end of ("1989-12").
@@ -63,7 +63,8 @@ class BacktestSettings:
             own. The SDM does not use it: it minimises information.
 
     Raises:
-        InputError: A number is out of its range, `measure` is no privacy measure, or there is no such disclosure.
+        InputError: A number is out of its range, `measure` is no privacy measure, there is no such disclosure, or a limit on
+            turnover is combined with a disclosure or a rival.
 
     Example:
         >>> BacktestSettings(budget=0.05).budget
@@ -110,7 +111,7 @@ class BacktestSettings:
 
     @property
     def turnover(self) -> float | None:
-        """Most that is bought plus sold against the last published weights; None for no limit."""
+        """Largest sum of purchases and sales relative to the last published weights; None for no limit."""
         return None if self.own is None else self.own.file.constraints.turnover
 
     @property

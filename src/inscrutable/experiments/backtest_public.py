@@ -37,8 +37,8 @@ class BesideReturns:
     Args:
         public: What the rival follows itself: "none"; "market", the return of `market`, or without one the mean of the assets;
             "all" returns; the label of one asset; or a Series of numbers by date, which the investor then reads, too.
-        market: (N,) the market's returns by date. Followed is the portfolio of the assets that comes nearest to them in the
-            training sample, so that the market is a part of what the investor reads.
+        market: (N,) the market's returns by date. The rival follows the portfolio of the assets that is nearest to them in the
+            training sample, so that the market is a part of the investor's observations.
         private: The investor's own private signal: likelihoods of the regimes by date, one column per regime,
             which bears its name, or its number by rising volatility; a date without a row has no signal.
 
@@ -68,7 +68,7 @@ class PublicWorld:
         said: What is followed, in words.
         world: The investor's world with it; None where nothing is, or all returns are.
         read: (N,) the number on every date.
-        cuts: What the number is cut at.
+        cuts: The cut points that discretise the number.
         is_all: Whether all returns are public.
     """
 

@@ -46,7 +46,7 @@ class Backtest:
 
     Args:
         settings: What was asked for.
-        market: The returns, the riskless rate and how often they come.
+        market: The returns, the riskless rate and their frequency.
         fit: The fitted world with the table of restarts.
         world: The same world with the regimes' names.
         problem: The portfolio problem, which the rival knows.

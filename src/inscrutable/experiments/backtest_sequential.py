@@ -113,7 +113,7 @@ def play_sequentially(
     The rule minimises information alone: with a price of the error, calibration takes minutes and some steps fail.
 
     Args:
-        world: The fitted world, whose predicted belief the rule takes the law of.
+        world: The fitted world; the rule uses the law of its predicted belief.
         investor: The portfolio problem, and its limit on turnover.
         beliefs: What the investor holds, in the order of time.
         budget: Long-run mean regret; None is half of what silence costs in the long run.

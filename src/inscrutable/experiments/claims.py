@@ -147,7 +147,7 @@ def finding_of(measured: Array, rule: Rule, bound: float, *, at_least: bool = Tr
     means = values.mean(axis=0)
     errors = values.std(axis=0, ddof=1) / np.sqrt(len(values))
     worst = int((means - ERRORS * errors).argmin())
-    # With ties in almost every market the average is of rounding size: if every market meets the bound, so does the average.
+    # With ties in almost every market the average is a rounding error: if every market meets the bound, so does the average.
     holds = share == 1.0 or bool(means[worst] - ERRORS * errors[worst] >= bound)
     return Finding(sign * float(means[worst]), float(errors[worst]), share, holds)
 

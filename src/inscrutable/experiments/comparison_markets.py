@@ -118,7 +118,7 @@ def market_of(
         496
     """
     if validation.count(resolution, "resolution") >= _MOST_BELIEFS:
-        _few(resolution + 1, resolution)  # as many as two states have, and more have no fewer
+        _few(resolution + 1, resolution)  # the number for two states; more states have at least as many
     _refuse_turnover(limits.turnover)
     if name == PAPER:
         return _paper_market(resolution, seed, limits)

@@ -61,8 +61,8 @@ def compile_kernels(*, n_jobs: int = -1, progress: Callable[[int, int], None] = 
     from inscrutable.kernels.hidden_markov import filter_pass
 
     validation.processes(n_jobs, "jobs")
-    # Side by side they compile no kernel twice: what both need, the first compiles at its beginning, the second at its end,
-    # but for a large part of a search, with which the second begins: some ten seconds less in all.
+    # In parallel, kernels that both need are compiled early by the first and late by the second, and so only once. The
+    # exception is a large part of a search, with which the second begins: this saves some ten seconds in all.
     calls = [delayed(_quietly)(part) for part in (_decisions, _others)]
     progress(0, len(calls))
     for done, _ in enumerate(Parallel(n_jobs=n_jobs, return_as="generator_unordered")(calls), 1):

@@ -38,7 +38,7 @@ thirds of the way from chance, a half, to always. It is .72 under the sequential
 decisions; .92 was met where one regime held in 89 % of the weeks, so that the naming could hardly fail."""
 
 _MOST_LISTED = 3
-_MOST_DIGITS = 8  # digits beyond the usual two, where a figure misses its bound by rounding
+_MOST_DIGITS = 8  # additional digits tried where a figure misses its bound by rounding
 
 
 class Reached(NamedTuple):

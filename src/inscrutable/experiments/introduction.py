@@ -147,7 +147,7 @@ def _judged(key: str, text: str, quantity: str, measured: Array, test: tuple[Rul
 
 
 def _market(seed: int) -> tuple[tuple[float, float], list[list[float]]]:
-    """Return the worth of optimal decisions to either observer, and the errors (3,2) that each way of hiding adds."""
+    """Return the worth of optimal decisions to both observers, and the errors (3,2) that each way of hiding adds."""
     market = market_of(PAPER, _RESOLUTION, seed)
     setting = Setting.of(market.problem, market.chain)
 

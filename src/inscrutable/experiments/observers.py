@@ -180,7 +180,7 @@ class ObserverSection(Section):
 
     @classmethod
     def read(cls, observed: Observed, chosen: Chosen) -> ObserverReading:
-        """Return what it makes of single decisions."""
+        """Return its results on single decisions."""
         guesses = observed.guesses(cls.adversary(observed, chosen), observed.shown(chosen))
         return ObserverReading(guess_error(observed.joint, guesses), top_state_share(observed.joint, guesses))
 
@@ -192,7 +192,7 @@ class Naive(ObserverSection):
 
     @classmethod
     def read(cls, observed: Observed, chosen: Chosen) -> ObserverReading:
-        """Return what it makes of single decisions."""
+        """Return its results on single decisions."""
         shown = observed.shown(chosen)
         excuses = observed.detectability.excuses if observed.detects and shown.is_exact else None
         reader = NaiveAdversary(observed.setting.problem, **observed.knowledge(shown))
@@ -233,7 +233,7 @@ class Bayesian(ObserverSection):
 
     @classmethod
     def read(cls, observed: Observed, chosen: Chosen) -> ObserverReading:
-        """Return what it makes of single decisions."""
+        """Return its results on single decisions."""
         found = observed.leakage_shown(observed.shown(chosen))
         return ObserverReading(found.bayes_error, found.top_state_accuracy)
 

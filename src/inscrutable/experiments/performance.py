@@ -166,7 +166,7 @@ def track_portfolios(
     return Performance(gross, (1.0 + gross) * (1.0 - rate * traded) - 1.0, traded, base, frequency)
 
 
-_ROUNDINGS = 8.0  # of a return, 1 + r, by which excess returns differ that do not vary
+_ROUNDINGS = 8.0  # units of rounding of 1 + r by which constant excess returns may differ
 
 
 def sharpe_ratio(excess: Array) -> float:
@@ -257,7 +257,7 @@ def _influence(series: Array) -> tuple[Array, Array]:
     with np.errstate(divide="ignore", invalid="ignore"):
         score = (series - mean) / spread
         ratio = mean / spread
-        # d(μ/σ) = dμ/σ − (μ/2σ³) dσ²: the row's score, less half the ratio times its squared score in excess of one.
+        # d(μ/σ) = dμ/σ − (μ/2σ³) dσ²: with the row's score z and the ratio Δ, this is z − ½ Δ (z² − 1).
         own = score - 0.5 * ratio * (score**2 - 1.0)
         return np.asarray((ratio[0] - ratio[1])[:, 0]), np.asarray(own[0] - own[1])
 

@@ -1,4 +1,4 @@
-"""A rival's decision problem as a section of a file: the agent's own, another portfolio, a finite choice, a state's name."""
+"""A rival's decision problem as a section of a file: the agent's own, another portfolio, a finite choice or naming."""
 
 from __future__ import annotations
 

@@ -197,7 +197,7 @@ def behaviour_of(setting: Setting, decision_maker: PlaysMany, promise: Budget | 
 
 
 def scaled_to(setting: Setting, tried: Callable[[float], Behaviour], regret: float) -> Behaviour:
-    """Return the trial whose expected regret equals `regret`, or is nearest below it; regret grows with the amount."""
+    """Return the trial whose expected regret is `regret` or the nearest below; regrets must grow with the amount."""
     return spending(tried, lambda behaviour: spent(setting, behaviour), regret)
 
 

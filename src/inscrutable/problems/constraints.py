@@ -325,9 +325,11 @@ class Bounds(Polyhedron):
 
     Args:
         n: Number of coordinates.
-        columns, factors, sides: j, f and s of the inequalities, shape (r,) each; s may be inf, then the row is dropped.
+        inequalities: j, f and s, shape (r,) each; a row with infinite s is dropped.
         names: One name per inequality and equality.
         equalities: A_eq and b_eq, or None.
+        min_slack: As for `Polyhedron`.
+        asset_names: As for `Polyhedron`.
     """
 
     def __init__(

@@ -366,14 +366,14 @@ def write_backtest(result: Backtest, folder: str | os.PathLike[str], *, month: s
 
     `table.csv`; `beliefs.csv` (fit to be read again as a user's beliefs); per decision maker `weights_*.csv`,
     `estimates_*.csv` (estimates of the naive observer), `aware_*.csv` (of the aware one), `followed_*.csv` (of the aware one
-    who remembers all weights before) and `path_*.csv` (regret, privacy, return per decision); five figures
+    who remembers all weights before) and `path_*.csv` (regret, privacy, return per decision); up to six figures
     as PNG and SVG; `summary.json`. Each file appears whole or not at all; the same backtest gives the same bytes.
 
     Args:
         result: A backtest.
         folder: Where to write; made if it is not there.
         month: Date of the decision that the frontier and the ternary figure show, as "2008-09" or "2008-09-30"; None
-            is the date of the most mixed belief.
+            is the decision at which the lottery gains most over the CDM.
 
     Returns:
         The files written.

@@ -58,7 +58,7 @@ def draw_backtest(result: Backtest, folder: Path, *, month: str | None = None) -
 
 
 def step_of(result: Backtest, month: str | None = None) -> int:
-    """Return the row of a month's decision, the last one in it; None is where the lottery gains most over the CDM."""
+    """Return the row of a month's last decision; for None the row in which the lottery gains most over the CDM."""
     if month is None:
         lottery, single = (result.episode.records[name].expected_privacy for name in ("PDM", "CDM"))
         gain = np.where(np.isfinite(lottery) & np.isfinite(single), lottery, 0.0)
@@ -76,7 +76,7 @@ def step_of(result: Backtest, month: str | None = None) -> int:
 
 
 _LIFT = 0.2
-"""The naive observer's mark stands so much above its row, the aware one's so much below, where its ceiling is."""
+"""Distance from a row of the naive observer's mark above it, and of the aware one's below it, where its ceiling is."""
 _NAMED_TOO_OFTEN: dict[str, Any] = {"marker": "x", "markersize": 10, "color": BLACK, "markeredgewidth": 1.0}
 
 

@@ -19,7 +19,7 @@ _POINTS = 1e4  # basis points of a return
 _FAR_ABOVE = 3.0
 """The worst decision is told where its regret exceeds the mean by this factor."""
 _CLEARLY = 0.05
-"""Share of the error without weights by which an error is smaller than another for a caution."""
+"""A caution compares two errors where one is smaller by this share of the error without weights."""
 _COARSE = 0.1
 """The same for the aware observer's error above the naive one's; it is .04 on the packaged returns."""
 _ANOTHER_LAW = 1.5

@@ -58,7 +58,7 @@ PERCENT = 100.0
 
 
 def curve_of(look: Look, inside: str) -> dict[str, Any]:
-    """Return keywords of a curve whose marks are filled with a colour; a cross has no inside, and lies above other marks."""
+    """Return keywords of a curve whose marks are filled with a colour; a cross has no filling, and lies above other marks."""
     is_cross = look.marker in CROSSES
     filled = {} if is_cross else {"markerfacecolor": inside}
     return {

@@ -107,7 +107,7 @@ def audit_pairs(
 
 
 def _few_independent(target: Target, judged: int) -> list[str]:
-    """Return a caution where the test rows of a numeric secret are worth few independent ones."""
+    """Return a caution where the test rows of a numeric secret have a small effective number."""
     if target.kind != "numbers":
         return []
     worth = judged / design_effect(target.values[:, 0])
@@ -168,9 +168,9 @@ def _shifts(rows: int, embargo: int, asked: int | None) -> np.ndarray:
 def _judged(explained: Array) -> tuple[Array, Array]:
     """Return the p-values after every test block (K,B), and the detectable shares (K,).
 
-    Formula: of the shares explained (K,S,B) of K secrets, in units of their spread over shifts, the largest of all secrets is
-    compared. Found with power 1 − β is a share of: the least that is significant, less what a shift explains on average (what
-    it costs to learn), and z_{1−β} spreads: those of shifts, which a leak in few rows exceeds, so that its power is less.
+    Formula: the test statistic is the largest, over K secrets, of the shares explained (K,S,B) in standard scores over the
+    shifts. The share detectable with power 1 − β is the least significant share, minus the mean share of a shift (the cost of
+    learning), plus z_{1−β} spreads of shifts. A leak in few rows has a larger spread, so that its power is less.
     """
     centre, spread = explained.mean(axis=1, keepdims=True), explained.std(axis=1, keepdims=True)
     unit = np.where(spread > 0, spread, 1.0)

@@ -40,7 +40,7 @@ from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.disclosures import EXACT
 
 _NAMED = ("maker", "budget")
-"""What a row's parameters say, so that its figures need not."""
+"""Fields that are parameters of a row and therefore not among its figures."""
 
 
 class ComparisonFile(ComparisonSettings, PlanFile):

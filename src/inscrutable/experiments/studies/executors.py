@@ -20,15 +20,15 @@ from inscrutable.errors import InputError, SolverError
 from inscrutable.experiments.studies.tasks import FAILED, Done, Row, Work, chunk_of_rows, one_by_one, runner_of
 
 Keep = Callable[[list[Row]], None]
-"""Takes rows for good."""
+"""Stores rows permanently."""
 Executor = Callable[[Work, Iterable[int], Keep], None]
-"""Does tasks by their numbers and hands their rows over."""
+"""Does tasks by their numbers and passes their rows to a `Keep`."""
 
 _SECONDS = 1.0
 _MOST = 5000
 _GROWTH = 8
 _IN_FLIGHT = 2
-_LOSSES = 3  # before a task is taken for the one at fault; Dask's own number
+_LOSSES = 3  # lost workers before a task counts as the one at fault; Dask's own number
 _WAIT = 30.0
 _HEARTBEAT = 0.5
 _LAST_PORT = 2**16 - 1
@@ -113,7 +113,7 @@ def _through_joblib(jobs: int, work: Work, chunks: Chunks, keep: Keep) -> None:
 
 
 def processes(jobs: int, **how: Any) -> Any:
-    """Return a call of joblib in processes that end with this one; those of the call before go on, if there are any."""
+    """Return a call of joblib in processes that end with this one; processes of an earlier call are reused."""
     from joblib import Parallel
 
     return Parallel(n_jobs=jobs, initializer=_follow, initargs=(os.getpid(),), **how)
@@ -172,11 +172,12 @@ class _Alone:
 def _follow(parent: int) -> None:
     """End this worker process soon after its parent, which may be killed; otherwise it would wait minutes for tasks.
 
-    A parent that was killed while its workers were starting is gone before they look for it. Ctrl-C is the parent's.
+    A parent that was killed while its workers were starting is gone before they look for it. The parent alone handles
+    Ctrl-C.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if os.name == "nt" and os.getppid() != parent:
-        return  # there a process may be started through another
+        return  # on this platform the parent may be an intermediate process
 
     def watch() -> None:
         while os.getppid() == parent:

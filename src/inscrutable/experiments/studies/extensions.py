@@ -164,7 +164,7 @@ def _imported(spec: str) -> tuple[Any, str]:
 
 
 def _used(source: str, name: str) -> str:
-    """Return the statements of a module that define a name, or a name that these use, and so on; all if none defines it.
+    """Return the statements of a module on which a name depends, directly or not; all if none defines it.
 
     Imports and statements that define no name always count, because they may change every part.
     """

@@ -22,7 +22,7 @@ from inscrutable.experiments.studies.layout import (
 from inscrutable.experiments.studies.tasks import Task, canonical, identity
 
 PER_MARKET = ("world", "problem", "beliefs", "candidates", "repeat")
-"""What tasks on one and the same market, with the same candidates, have in common."""
+"""The parts that tasks on the same market with the same candidates have in common."""
 
 _WORD = 8  # hexadecimal characters of a 32-bit word
 

@@ -41,7 +41,7 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.worlds import HiddenMarkovModel
 
 BELIEFS = ("world", "problem", "beliefs", "repeat")
-"""What the law of beliefs is decided by."""
+"""The parts that determine the law of beliefs."""
 _SETTINGS_KEPT = 4
 _OBSERVED_KEPT = 2  # tasks that differ in the observer alone follow one another
 

@@ -56,7 +56,7 @@ def _check(plan: StudyFile, base: Path) -> None:
         network = load_matpower(base / own, convention=plan.problem.convention)
         for choice in variants(plan.problem):
             assert choice.data is not None
-            with suppress(ModelError):  # limits that exclude one another are for rows to say
+            with suppress(ModelError):  # contradictory limits are reported by the rows
                 problem_of(choice.data, given_world(plan.world), network)
 
 
@@ -76,7 +76,7 @@ def _fitted(plan: StudyFile, base: Path, grid: StudyGrid) -> list[dict[str, Any]
 
 
 GRID = Kind(StudyFile, StudyGrid, GridRunner, _hash, _fitted, table_of, _check)
-"""Every combination of what a file's lists hold."""
+"""Studies of every combination of the entries of a file's lists."""
 
 OTHER_KINDS: Mapping[str, Kind] = {
     "reproduction": REPRODUCTION,
@@ -84,7 +84,7 @@ OTHER_KINDS: Mapping[str, Kind] = {
     "masked basket": MASKED_BASKET,
     "alphas": ALPHAS,
 }
-"""What the key `kind` of a file may hold; a file without it is a grid."""
+"""The values of the key `kind` of a file; a file without it is a grid."""
 
 
 def kind_named(name: str | None) -> Kind:

@@ -167,13 +167,13 @@ ObserverSection = (
 Observer = Annotated[Annotated[ObserverSection, Field(discriminator="name")], BeforeValidator(named)]
 Measure: Any = Literal[tuple(MEASURES)]
 PAID = "expected_regret"
-"""What every grid measures, asked for or not: without it the costs of two decision makers cannot be compared."""
+"""The measure of every grid, requested or not: without it the costs of two decision makers cannot be compared."""
 JUDGED = ("error", "top_state")
-"""Measures that say together whether a protection holds; those that they are held against, `WITHOUT`, are measured beside."""
+"""Measures that together decide whether a belief is hidden; their references `WITHOUT` are measured as well."""
 
 
 class BudgetSection(Section):
-    """What is spent on privacy.
+    """The budget of privacy.
 
     The unit "relative" is the paper's, a share of |c*| at every belief; "regret" is the cost's own unit; "silence" is a share
     of the silence regret r₀; "cost" is a share of E|c*|. With `hold` "each" the budget holds at every belief; with "mean"

@@ -20,7 +20,7 @@ from inscrutable.validation import Array
 QUANTILES = (0.0, 0.25, 0.5, 0.75, 1.0)
 _MARKET = 4  # parts of a task's place that make its setting; then come repeat, play and observer
 _LEVEL = 0.975
-_SPOKEN = ("public",)  # keys whose words say nothing alone
+_SPOKEN = ("public",)  # keys whose values need the key beside them
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def _values(grid: StudyGrid, frame: pd.DataFrame) -> Array:
 
 
 def _any_of(found: Array) -> Array:
-    """Return the figure, which is the same for all observers, from any task that is done."""
+    """Return a figure that is the same for all observers, from any finished task."""
     first = found[..., 0].copy()
     for place in range(1, found.shape[-1]):
         first = np.where(np.isnan(first), found[..., place], first)

@@ -20,7 +20,7 @@ from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import LinearForm, Polyhedron, QuadraticForm, SmoothForm
 
 _Check = Callable[[Any, Any, Any, int], Any]
-"""Takes a part, what a method returned, what that was given, and X; returns the answer, or raises what is wrong with it."""
+"""Maps (part, result of a method, its arguments, X) to the checked result, or raises an error."""
 
 
 def own_part(extension: Extension, given: Mapping[str, Any], keys: Mapping[str, Any]) -> Any:

@@ -24,8 +24,8 @@ class Ranking:
     Args:
         plays: Those that are ranked.
         values: The figure of each, at the expected regret at which they are compared.
-        spenders: All decision makers, also those that cannot spend as little.
-        spent: What each of these spends itself; NaN where that was not measured.
+        spenders: All decision makers, including those that cannot spend as little.
+        spent: The expected regret of each of these; NaN where it was not measured.
         regret: The expected regret at which they are compared; None where all spend the same, or where it is not known.
     """
 
@@ -42,27 +42,27 @@ class Ranking:
 
     @property
     def is_known(self) -> bool:
-        """Whether it is known what all of them spend."""
+        """Whether the expected regrets of all spenders are known."""
         return not np.isnan(self.spent).any()
 
     @property
     def dearest(self) -> int:
-        """Which of the spenders spends most."""
+        """The spender of largest expected regret."""
         return int(np.argmax(self.spent))
 
     @property
     def cheapest(self) -> int:
-        """Which of the spenders spends least, of those that spend anything."""
+        """The spender of least expected regret above 0."""
         return int(np.argmin(np.where(_spends(np.array(self.spent)), self.spent, np.inf)))
 
     @property
     def times(self) -> float:
-        """How many times the least cost of hiding the greatest is."""
+        """Ratio of the largest to the least cost of hiding."""
         return self.spent[self.dearest] / self.spent[self.cheapest]
 
 
 def ranking(means: StudyMeans, setting: int, budget: float | None, figure: int) -> Ranking:
-    """Return who hides best by a figure, of those that take a budget and those that take none.
+    """Return the ranking by a figure of the decision makers with and without a budget.
 
     Where costs differ by more than `SAME_COST`, all are compared at the least regret that a decision maker with the budget
     spends. A decision maker that spends more is interpolated to that regret by a public randomisation between two of its own
@@ -127,9 +127,9 @@ def _known(means: StudyMeans, setting: int, measure: str, observer: str) -> floa
 
 
 def times_the_least(means: StudyMeans, setting: int, budget: float | None) -> Array:
-    """Return what every play of a setting spends over the least that is spent for hiding at its budget, shape (P,).
+    """Return the expected regret of every play divided by the least regret above 0 at its budget, shape (P,).
 
-    Those that take no budget are compared with `budget`. 0 where nothing is spent, NaN where it was not measured.
+    Plays without a budget are compared with `budget`. 0 where nothing is spent, NaN where it was not measured.
     """
     paid = _paid(means, setting)
     found = np.full(len(paid), np.nan)
@@ -149,7 +149,7 @@ def _paid(means: StudyMeans, setting: int) -> Array:
 
 
 def _spends(paid: Array) -> np.ndarray:
-    """Whether each regret is more than rounding beside the largest."""
+    """Whether each regret exceeds the rounding of the largest."""
     return np.asarray(paid > tolerances.NO_COST * np.nanmax(paid, initial=0.0))
 
 

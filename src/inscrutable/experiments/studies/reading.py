@@ -191,7 +191,7 @@ def _check_together(study: StudyFile, source: StudySource) -> None:
         return
     for choice in variants(study.problem):
         assert choice.data is not None
-        with source.saying(("problem",)), suppress(ModelError):  # limits that exclude one another are for rows to say
+        with source.saying(("problem",)), suppress(ModelError):  # contradictory limits are reported by the rows
             problem_of(choice.data, regimes)
 
 
@@ -220,7 +220,7 @@ def _check_followed(study: StudyFile, source: StudySource) -> None:
 
 
 def _check_size(study: StudyFile, source: StudySource) -> None:
-    """Refuse sizes that no machine has room for, and more tasks than any machine does."""
+    """Refuse sizes that fit into no memory, and more tasks than any machine can do."""
     demand = too_large(study)
     if demand is not None:
         raise InputError(f"{source.at(demand.place)}: {demand.refusal()}")

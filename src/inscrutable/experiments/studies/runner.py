@@ -94,7 +94,7 @@ def run_study(
         InputError: The study is malformed, the folder cannot be written to, holds a study already, or is in use; the disk is
             full. Rows that were stored before are kept, and `resume_study` goes on.
 
-    Cost: the tasks', and some hundredths of a second beside each second of them.
+    Cost: the tasks', plus some hundredths of a second per second of them.
 
     Example:
         >>> from tempfile import TemporaryDirectory

@@ -1,4 +1,4 @@
-"""Limits on sizes: what no machine has room for is refused before anything is made, with the largest that fits."""
+"""Limits on sizes: a study that does not fit into memory is refused before it runs, with the largest size that fits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _GIGABYTE = 2.0**30
 
 
 class Demand(NamedTuple):
-    """The memory that one key of a study asks for.
+    """The memory that one key of a study needs.
 
     Args:
         place: The key.
@@ -67,13 +67,13 @@ _LARGE = 100.0  # logarithm from which a number of points is no longer computed
 
 
 def points(coordinates: int, resolution: int) -> float:
-    """Return approximately how many points a regular grid on the simplex has, also if they are very many."""
+    """Return the approximate number of points of a regular grid on the simplex, however large."""
     exponent = lgamma(resolution + coordinates) - lgamma(coordinates) - lgamma(resolution + 1)
     return exp(min(exponent, 2.0 * _LARGE))
 
 
 def too_large(study: StudyFile) -> Demand | None:
-    """Return the first key of a grid that asks for more than fits, if there is one."""
+    """Return the first key of a grid that needs more memory than there is, if any."""
     return next((each for each in _demands(study) if not each.fits), None)
 
 

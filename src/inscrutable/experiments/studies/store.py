@@ -114,7 +114,7 @@ def speaking(folder: Path) -> Iterator[None]:
 
 
 def _code(error: sqlite3.Error) -> int:
-    """SQLite's number of an error, without the part that distinguishes its kinds."""
+    """SQLite's primary code of an error, without the extended part."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF
 
 

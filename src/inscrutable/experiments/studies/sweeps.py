@@ -121,5 +121,5 @@ def _said(key: str, value: Any) -> str:
 
 
 def _rest(counted: list[tuple[str, int, int]]) -> str:
-    """Return, in words, what exceeds the room of the figures."""
+    """Return, in words, the values that do not fit into the figures."""
     return "; ".join(f"{most} of {count} {what} are drawn" for what, count, most in counted if count > most)

@@ -16,7 +16,7 @@ from inscrutable.experiments.studies.tasks import Row, TaskGrid
 from inscrutable.files import whole_file
 
 _SHORT = {"decision_maker": "name", "adversary": "name", "budget": "amount"}
-"""Parts that have a column of their own: the entry that it shows."""
+"""The parts with a column of their own, and the entry that the column shows."""
 
 
 def table_of(grid: StudyGrid, rows: Iterable[Row], durations: bool) -> pd.DataFrame:

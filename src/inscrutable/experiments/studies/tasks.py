@@ -150,7 +150,7 @@ class TaskRunner(ABC):
 
     @abstractmethod
     def __init__(self, work: Work) -> None:
-        """Read what the work says."""
+        """Read the study and the prepared data from the work."""
 
     @abstractmethod
     def figures(self, task: Task) -> dict[str, float]:

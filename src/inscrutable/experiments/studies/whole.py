@@ -29,7 +29,7 @@ from inscrutable.experiments.studies.tasks import FAILED, Row
 from inscrutable.files import PathLike
 
 BEFORE = "before.sqlite"
-"""Where the rows of an unfinished run go when another is begun in its folder."""
+"""File to which the rows of an unfinished run are moved when another run begins in its folder."""
 _LOGGER = logging.getLogger(__name__)
 
 _Plan = TypeVar("_Plan", bound=PlanFile)

@@ -311,7 +311,7 @@ def _headline(means: StudyMeans) -> list[int]:
 
 
 def study_verdict(study: Study) -> list[str]:
-    """Return the verdict of the page: who hides the belief, at which budget and regret; empty for a study without a page."""
+    """Return the page's verdict: which rules hide the belief, at which budget and regret; empty for a study without a page."""
     return _verdict(study, means_of(*study.gridded())) if isinstance(study.grid, StudyGrid) else []
 
 

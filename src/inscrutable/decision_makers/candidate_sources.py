@@ -252,8 +252,8 @@ def decided_by(problem: DecisionProblem, decoys: Array) -> Candidates:
 
 
 def near_decoys(problem: DecisionProblem, points: int = DEFAULT_SIZE) -> Candidates:
-    """Return decisions a little beside optimal ones: steps from a coarse grid of decoys toward each state's decision
-    and toward each end of the feasible set's coordinates. Used where unexplained decisions are wanted."""
+    """Return the decisions of a coarse grid of decoys, and steps from these toward decisions in which a coordinate is least
+    or greatest. Used where decisions that no belief explains are sought."""
     if problem.is_discrete:
         return make_candidates(problem, np.eye(problem.n_actions))
     bounding_box_of(problem)

@@ -36,7 +36,7 @@ class CheapestPrivacy(Summarised, Saved):
         privacy: Ψ of the decision; of the optimal one where none was found.
         action: The decision, shape (U,); the optimal one where none was found.
 
-    Source: the paper, eq. (8), read from the goal to the budget.
+    Source: the paper, eq. (8), with objective and constraint exchanged.
 
     Example:
         >>> import numpy as np
@@ -120,13 +120,13 @@ class _Search:
     least: float
 
     def _reach(self, actions: Array) -> np.ndarray:
-        """Which of decisions (n,U) are admissible and have the privacy."""
+        """Return which decisions (n,U) are admissible and reach the privacy."""
         found = self.goal.judged(actions)
         return np.asarray(found.admissible & (found.privacies >= self.least))
 
     def best(self) -> tuple[float, Array] | None:
-        """The cheapest decision with the privacy among the candidates, on the rays to those on the frontier, and of a decision
-        maker who seeks the least regret at a distance.
+        """Return the cheapest decision that reaches the privacy, among the candidates, on the rays to those on the frontier,
+        and by a search for least regret.
 
         Rays to the first eight alone cost up to 34 % more in 3 of 40 goals over two to five states.
         """
@@ -145,7 +145,7 @@ class _Search:
         return None
 
     def _of_decision_maker(self, limit: float) -> list[Array]:
-        """What a decision maker plays that meets a goal at least regret, where the privacy is one or a distance."""
+        """Return the decision of least regret that meets an indicator, or reaches a distance; empty for other measures."""
         problem, belief, measure = self.goal.problem, self.goal.belief, self.goal.measure
         case = Case(problem, self.candidates, measure, Budget.regret(limit), "exclude")
         if measure.is_indicator:

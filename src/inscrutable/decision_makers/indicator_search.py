@@ -38,7 +38,7 @@ _OWN, _POLISHED, _CANDIDATE, _NOTHING = range(4)
 
 @dataclass(frozen=True, eq=False)
 class IndicatorResult:
-    """The cheapest decisions of T beliefs; `source` tells optimal decisions, polished ones, candidates and none."""
+    """The cheapest decisions of T beliefs; `source` says whether each is optimal, polished, a candidate, or missing."""
 
     problem: DecisionProblem
     beliefs: Array  # (T,X)

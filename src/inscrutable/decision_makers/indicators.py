@@ -1,9 +1,9 @@
 """The cheapest decision that meets an indicator measure (a, b, c), a goal that is met or missed, for many beliefs in one pass.
 
-Whether a candidate meets (a) does not depend on the belief; for (b) and (c) the ends of its consistent set decide.
-So one look at all candidates finds the cheapest that does, belief by belief. Two searches then lower its regret: toward the
-optimal decision as far as the goal allows, and around the belief in the cheapest direction; in these the beliefs of a block
-take each step together.
+Whether a candidate meets (a) does not depend on the belief; for (b) and (c) the ends of its consistent set decide. One pass
+over the candidates therefore finds the cheapest one that meets the goal, for every belief. Two searches then lower its regret:
+one toward the optimal decision, as far as the goal allows, one around the belief, in the cheapest direction. The beliefs of a
+block take each step together.
 """
 
 from __future__ import annotations
@@ -199,14 +199,14 @@ class _Shortening:
         return _regrets(self._goal, self._block.pick(which), actions)
 
     def _missed(self, which: np.ndarray, shares: Array) -> Array:
-        """At most 0 where the trials meet the goal: what their gaps lack to a margin, or the side alone."""
+        """Values at most 0 where trials meet the goal: the shortfall of their gaps from the margin, or ∓∞ without a margin."""
         trials = self._trials(which, shares)
         decoys = self._decoys(which, shares) if self._block.explained[which].all() else None
         meets = _admitted(self._goal, self._block.beliefs[which], trials, self._regrets(which, trials), decoys)
         return self._lacking(trials, meets) if self._goal.compares_gaps else side(meets)
 
     def _lacking(self, trials: Array, unexplained: np.ndarray) -> Array:
-        """The margin less the plausibility gaps of trials (n,U)."""
+        """The margin minus the plausibility gaps of trials (n,U)."""
         lacking = np.full(len(trials), self._goal.margin)
         for place in np.flatnonzero(unexplained):
             lacking[place] -= nearest_explanation(self._goal.problem, trials[place])[1]

@@ -84,8 +84,8 @@ class _Watched:
     def judged(self, actions: Array) -> Judgement:
         """Judge trials (n,U): explained ones alone, unless decisions that no belief explains are sought.
 
-        Beside the optimal decision most are explained by no belief: such a one would hide nothing from an observer who allows
-        for rounding.
+        Near the optimal decision most decisions are explained by no belief. They would hide nothing from an observer who
+        allows for rounding.
         """
         return self.goal.judged(actions, explained=not self.goal.measure.searches_actions)
 
@@ -145,8 +145,8 @@ def privacies_by_start(
 
 
 def _affordable_start(watched: _Watched, rng: np.random.Generator) -> Array | None:
-    """The first of some random decisions, moved at random between the optimal one and the budget's end, that a belief
-    explains."""
+    """Return the first decision that a belief explains among random ones, each moved to a random point between the optimal
+    decision and the end of the budget."""
     away = random_actions(watched.goal.problem, _TRIES_A_START, rng=rng) - watched.optimal
     shares = rng.uniform(size=len(away))
     # One by one where judging a start takes a search of its own.
@@ -211,7 +211,7 @@ class _Descent:
         return self._loss, self._slope
 
     def rules(self, v: Array) -> Array:
-        """Return what is left of the budget, as a share of it, and the slack of every row."""
+        """Return the unspent share of the budget and the slack of every row."""
         self._look(v)
         return self._rules
 

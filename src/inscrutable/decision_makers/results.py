@@ -105,7 +105,7 @@ def expected(probabilities: Array, values: Array) -> Array:
 
 
 class _Result(Summarised, Saved):
-    """A result that says where its numbers were read from a file."""
+    """A result whose `repr` says if it was read from a file."""
 
     def __repr__(self) -> str:
         note = "\nread from a file: its sums agree; privacies were not judged again, as a file holds neither problem nor belief"
@@ -309,7 +309,7 @@ def _column(name: str, *which: int) -> Any:
 
 
 class _Many(_Result):
-    """The rows of a table, and what all have."""
+    """The rows of a table, and the fields that all kinds of rows have."""
 
     _saved: ClassVar[tuple[str, ...]] = ("optimal_cost", "privacy_bound", "status", "price", "oracle_calls")
 

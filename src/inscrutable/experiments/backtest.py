@@ -53,9 +53,9 @@ from inscrutable.worlds.hidden_markov import default_names
 __all__ = ["RESTARTS", "Backtest", "BacktestSettings", "run_backtest"]
 
 RESTARTS = 30
-"""Most starts of the fit. On the embedded returns ten end in another optimum, up to 4 nats lower, for 4 of 14 seeds
-tried; thirty came to the same regimes for all of 6. An optimum 0.7 nats higher, with regimes much alike, exists, but
-one start in some hundreds finds it."""
+"""Most starts of the fit. On the embedded returns ten starts end in another optimum, up to 4 nats lower, for 4 of 14 seeds
+tried; thirty starts came to the same regimes for all of 6 seeds. An optimum 0.7 nats higher, with regimes much alike, exists,
+but one start in some hundreds finds it."""
 
 _LEAST_RESTARTS = 5
 _WORK_OF_FIT = 25_000_000

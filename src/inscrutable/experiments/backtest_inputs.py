@@ -46,7 +46,7 @@ class BacktestSettings:
             four of them, and |c*| stays clear of zero, so a share of it means something in every month; from 7 on c*
             changes its sign in between.
         budget: Budget of all decision makers: a share of |c*|, a `Budget` or a `SilenceShare`. None: a tenth of |c*| at every
-            decision of CDM and PDM, as in the paper, and for the SDM half the silence regret of the fitted world in the long run.
+            decision of CDM and PDM, as in the paper; for the SDM, in the long run, half the silence regret of the fitted world.
         measure: Privacy measure Ψ; the default is the paper's `MaximalObfuscation()`.
         cost_bps: Cost per unit traded, in basis points of it, at least 0; 10 is the usual order for large stocks.
         train_until: Last date of the training sample, or the month or year that it is the end of ("1989-12").

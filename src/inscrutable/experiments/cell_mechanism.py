@@ -15,10 +15,10 @@ from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 
 N_NEAREST = 8
-"""Played decisions as one of which the rival reads an observed one; below, the beliefs of a path in each cell. Over 71 random
-markets of 2 to 6 assets and 3 to 5 states the rival's error is on average .57 of that without decisions if it reads the grid's
-nearest decision, .42 with these, and .40 if it knows the decisions of 1,500 to 8,000 beliefs. Eight beliefs in a cell gain
-little (.37 for .38 over 36 of the markets)."""
+"""Number of nearest played decisions as which the rival reads an observed one; `_EACH` is the number of beliefs of a path in
+each cell. Over 71 random markets of 2 to 6 assets and 3 to 5 states the rival's error is on average .57 of that without
+decisions if it reads the grid's nearest decision, .42 with these, and .40 if it knows the decisions of 1,500 to 8,000 beliefs.
+Eight beliefs in a cell gain little (.37 for .38 over 36 of the markets)."""
 _EACH = 4
 _STEPS = 20_000
 

@@ -114,7 +114,7 @@ def cells_of(problem: DecisionProblem, most_calls: int) -> tuple[Subdivision | N
     """Return the cells of a problem whose optimal cost is piecewise linear, and the calls of the oracle; None where it is
     not, or where they would be too many."""
     linear = problem.linear_form()
-    # With less accurate costs a small cell could not be told from an error.
+    # With less accurate costs a small cell could not be distinguished from an error.
     hopeless = problem.quadratic_form() is not None or problem.cost_accuracy > tolerances.COST_ACCURACY
     if linear is None and (hopeless or problem.costs_are_unique):
         return None, 0

@@ -276,8 +276,8 @@ def read(space: SearchSpace, aims: Aims, reached: Explored, steps: np.ndarray, e
 def remove_rounding(
     space: SearchSpace, aims: Aims, actions: Array, decoys: Array, privacies: Array, regrets: Array
 ) -> None:
-    """Change what was found for beliefs (T,X) to what an observer sees: a belief beyond the simplex by a billionth is projected
-    on it, and a decision that no belief explains, by a rounding, is replaced by that of the belief that it was found with."""
+    """Remove rounding errors from the decisions found for beliefs (T,X). A decoy slightly outside the simplex is projected onto
+    it. A decision that no belief explains is replaced by the optimal decision for its decoy, if that is affordable."""
     problem, found = space.problem, np.flatnonzero(privacies > -np.inf)
     for t in found[(decoys[found] < -tolerances.EXPLAINED).any(axis=1)]:
         decoys[t] = np.maximum(decoys[t], 0.0) / np.maximum(decoys[t], 0.0).sum()
@@ -397,7 +397,7 @@ def starts_in(steps: np.ndarray, numbers: np.ndarray, decoys: Array, actions: Ar
 
 
 def _farthest_sets(space: SearchSpace, aims: Aims) -> list[SomeStarts]:
-    """The affordable candidate whose set is farthest, for each belief; else one with a farther decoy stands for its region.
+    """The affordable candidate whose set is farthest, for each belief; else one with a farther decoy represents its region.
 
     Without it 1 of 400 decisions over two and three states is 2.8 % below the best candidate.
     """

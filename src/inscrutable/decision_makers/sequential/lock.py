@@ -38,7 +38,7 @@ class FileLock:
         self._held = held
 
     def close(self) -> None:
-        """Give the lock back."""
+        """Release the lock."""
         if self._held >= 0:
             os.close(self._held)
             self._held = -1
@@ -66,7 +66,7 @@ class KeptInFile:
             self._lock = taken
 
     def _read(self, path: PathLike, read: Callable[[], _Found]) -> _Found:
-        """What `read` returns under the lock; where it raises `InputError` the lock is as it was before."""
+        """Return `read()` under the lock; if it raises `InputError`, the lock is as before."""
         if not path_of(path, "a saved sequence").exists():
             raise InputError(f"{path} is not a saved sequence: there is no such file")
         before = self._lock

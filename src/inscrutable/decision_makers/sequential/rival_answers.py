@@ -74,7 +74,7 @@ class RivalAnswers:
         return replace(self, costs=_different(self.costs, costs[missing]))
 
     def answering(self, beliefs: Array) -> tuple[Self, Array]:
-        """Return the permanent answers with the best ones to beliefs (…,X), and the shares (…,A−1) of each that are all its."""
+        """Return the permanent answers with the best ones to beliefs (…,X), and these best ones as pure strategies (…,A−1)."""
         flat, kept = beliefs.reshape(-1, beliefs.shape[-1]), np.append(np.arange(self.n_first), -1)
         costs = np.asarray(self.rival.state_costs(self.rival.solve(flat))).T
         first = self.costs[:, kept]
@@ -99,7 +99,7 @@ class RivalAnswers:
 
 
 def _different(known: Array, costs: Array) -> Array:
-    """Known answers (X,A), with those of some (n,X) that differ in cost from all inserted before the last."""
+    """Insert, before the last of the known answers (X,A), those of (n,X) that differ in cost from all of them."""
     found = list(known.T)
     least = tolerances.NO_ERROR * float(np.abs(costs).max(initial=0.0))
     for each in costs:

@@ -102,7 +102,7 @@ class Stakes:
 
     @property
     def pure(self) -> Array:
-        """Each of a rival's answers, given whenever it is to answer: shape (A+1,d)."""
+        """The pure strategies of a rival, each the same answer at every step: shape (A+1,d)."""
         single = np.vstack([np.zeros(self.width), np.eye(self.width)])
         return np.tile(single, (1, self.points.shape[1] // self.width))
 
@@ -118,7 +118,7 @@ class Stakes:
         return self._with(found), own.reshape(len(beliefs), -1)
 
     def mixed(self, estimates: Array, first: Stakes) -> Stakes:
-        """Return the first stakes with the rival's answers of these that have a probability in estimates (n,d)."""
+        """Return the `first` stakes, with those of this rival's answers that have a probability in estimates (n,d)."""
         if self.rival is None or first.rival is None:
             return first
         return first._with(self.rival.mixed(self._blocks(estimates), first.rival))

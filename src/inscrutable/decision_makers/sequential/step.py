@@ -310,7 +310,7 @@ class StepRule:
     def _kept(
         self, law: Array, kept: int, solved: tuple[Stakes, _Found, Array, float]
     ) -> tuple[Stakes, _Found, Array, float]:
-        """The same, or the decision before as a constant one where its value is as large."""
+        """Return a solution, or the constant decision `kept` where its value is as large."""
         stakes, found, rows, gap = solved
         allowed = np.ones(len(law), dtype=bool) if self.table.allowed is None else self.table.allowed[:, kept]
         if kept < 0 or not allowed[law > 0].all():
@@ -399,9 +399,9 @@ class StepRule:
         the observer's law, counts it as that one. Of the decisions disclosed as one value it plays its own cheapest. Where a
         cap forbids it a value, the others are scaled up; where it forbids all, its own optimal decision is added.
 
-        In its place the row that the formula gives for the belief itself was measured: with small prices of information it
-        splits beliefs between those of the grid too sharply. Four actions, three states, a price of .03 of the prior loss: a
-        regret of 1.05 and an observer's loss of .176 against .82 and .150 calculated, and .86 and .147 with the nearest row.
+        The alternative, the row that the formula gives for the belief itself, changes too sharply between the beliefs of the
+        grid at small prices of information. With four actions, three states and a price of .03 of the prior loss it has a
+        regret of 1.05 and an observer's loss of .176, where .82 and .150 were calculated; the nearest row has .86 and .147.
         """
         table = self.table
         some = np.flatnonzero(np.isin(table.classes.place, step.numbers))

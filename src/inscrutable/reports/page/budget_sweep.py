@@ -25,12 +25,12 @@ _WITHOUT = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5)
 """Budgets as shares of |c*| (of its mean for a budget of regret), if the backtest's own budget is zero."""
 
 _NEAREST = 4
-"""Played decisions as one of which the aware observer reads an observed one. Over 36 random markets of three and four states
-its error is .41 of that without decisions, with one .47, with eight .41."""
+"""Number of nearest played decisions as which the aware observer reads an observed one. Over 36 random markets of three and
+four states its error is .41 of that without decisions; with one it is .47, with eight .41."""
 
 SINGLE, LOTTERY = "CDM", "PDM"
 _CHILD_OF_SEED = 4
-"""The backtest itself draws from the four before."""
+"""Index of the child seed; the backtest itself draws from the others."""
 
 
 class Atom(NamedTuple):

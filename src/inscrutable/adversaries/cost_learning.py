@@ -74,6 +74,7 @@ class CostLearningAdversary:
 
         Raises:
             InputError: As `MarkowitzProblem`.
+            ModelError: As `MarkowitzProblem`.
         """
         return cls(lambda value: MarkowitzProblem(means, covariances, value, constraints), bounds)
 

@@ -118,6 +118,7 @@ def explain_action(
 
     Raises:
         InputError: `action` is not feasible, or the number of names differs from the number of coordinates.
+        ModelError: The problem has neither a smooth form nor `explaining_rows`.
         SolverError: The cutting planes did not converge.
 
     Cost: some tens of forward solves. Source: the paper, Theorem 1; Farkas' lemma.

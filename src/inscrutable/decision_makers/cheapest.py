@@ -85,6 +85,7 @@ def cheapest_privacy(
 
     Raises:
         InputError: The belief is not one point of the simplex, or `privacy` is not a number.
+        ModelError: The measure favours decisions that no belief explains, and the feasible set is unbounded.
 
     Cost: a frontier and some hundred forward solves. Source: the paper, eq. (8).
 

@@ -114,6 +114,7 @@ def privacy_frontier(
 
     Raises:
         InputError: The belief is not one point of the simplex.
+        ModelError: The measure favours decisions that no belief explains, and the feasible set is unbounded.
 
     Cost: one pass over the candidates, some 0.5 µs each; larger sets are judged only where they can be on the frontier.
     Source: the paper's eq. (12) and Figure 7.

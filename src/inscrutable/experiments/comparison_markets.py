@@ -112,6 +112,7 @@ def market_of(
 
     Raises:
         InputError: The file is not a model, a number is out of range, or a limit does not suit the market.
+        ModelError: No weights satisfy all limits.
 
     Example:
         >>> len(market_of("paper", 30, 0).prior)

@@ -123,6 +123,7 @@ class InvestorModel:
 
         Raises:
             InputError: Turnover is limited and `previous` is missing, or the other way round.
+            ModelError: No feasible weights are within the limit on turnover.
         """
         if (self.turnover is None) != (previous is None):
             raise InputError(

@@ -251,6 +251,7 @@ class OwnModel:
 
         Raises:
             InputError: The file has no regimes, or the limits name other assets.
+            ModelError: No weights satisfy all limits.
         """
         if self.world is None:
             raise InputError(
@@ -282,6 +283,7 @@ def investor_of(path: Path, limits: LimitsPart | None = None) -> InvestorModel:
 
     Raises:
         InputError: The file is not a model, or the limits do not suit it.
+        ModelError: No weights satisfy all limits.
     """
     if path.suffix.lower() == ".toml":
         return OwnModel.load(path).investor(limits)

@@ -86,6 +86,7 @@ def loss_of(rival: Any, problem: DecisionProblem) -> Loss:
 
     Raises:
         InputError: Its costs are no table, the number of regimes differs, or it needs returns and the agent's problem has none.
+        ModelError: No weights satisfy its limits.
     """
     if isinstance(rival, NamingRival):
         return NamingError()

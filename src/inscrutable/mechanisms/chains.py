@@ -219,6 +219,7 @@ def filtered_chain(
 
     Raises:
         InputError: A number is not whole or below 1, `rng` is no generator, or cuts are not asked for, or do not rise.
+        ModelError: As `filtered_prior`.
 
     Cost: one simulated and filtered path. Source: Ulam's method.
 

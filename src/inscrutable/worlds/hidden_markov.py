@@ -183,6 +183,7 @@ class HiddenMarkovModel:
 
         Raises:
             InputError: A key is missing, the emission is not one of this library's, or the numbers are no model.
+            ModelError: A covariance of the emission is indefinite or singular.
 
         Example:
             >>> from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel

@@ -24,6 +24,7 @@ def from_hmmlearn(model: Any) -> HiddenMarkovModel:
 
     Raises:
         InputError: It was not fitted, or has another observation model, such as a mixture.
+        ModelError: A covariance is singular.
 
     Cost: none. Source: hmmlearn, module `hmm`.
 
@@ -58,6 +59,7 @@ def from_statsmodels(results: Any) -> HiddenMarkovModel:
 
     Raises:
         InputError: It is no such result, has regressors, autoregression, or a transition that varies in time.
+        ModelError: A variance is zero, or the stationary law is not unique.
 
     Cost: none. Source: statsmodels, `tsa.regime_switching`; Hamilton (Econometrica 57, 1989).
 
@@ -97,6 +99,7 @@ def from_dynamax(params: Any) -> HiddenMarkovModel:
 
     Raises:
         InputError: It is no such set, or has another observation model.
+        ModelError: A covariance is singular.
 
     Cost: none. Source: dynamax, module `hidden_markov_model`.
 

@@ -58,7 +58,7 @@ class LeastRegret(Summarised):
             because of a budget: the least regret of a rule that satisfies the others.
         silence_regret: r₀ of the prior, at which the best constant decision is played.
         levels: The level of each guarantee that the rule reaches, recomputed from K: in the guarantee's unit, for a
-            `Budget` the regret.
+            `Budget` the regret. NaN where no rule exists, as are the prices.
         prices: Marginal regret that relaxing each guarantee by one unit would save, in the cost's unit per unit of the
             guarantee; 0 for one that does not bind. At a kink of the least regret it lies between both one-sided prices.
         conflict: Indices of an irreducible infeasible subset: no rule satisfies these guarantees together, but without any

@@ -63,7 +63,7 @@ class Remembered(NamedTuple):
 
 @dataclass
 class _Track:
-    """What the smoother needs of every step."""
+    """The figures of every step, as the smoother needs them."""
 
     mean: Array
     spread: Array

@@ -125,7 +125,7 @@ class Candidates:
             np.concatenate([self.usable, other.usable]),
             self.n_outside + other.n_outside,
         )
-        # What is known of each need not be found again; a decoy stands for a set that was found with it.
+        # Sets that are known are reused, also those found with decoys that the joined candidates do not keep.
         vars(joined)["sets"] = self.sets.joined(other.sets)
         return joined
 

@@ -43,7 +43,7 @@ class Reading(Enum):
 
 @dataclass(frozen=True, eq=False)
 class RowReading:
-    """What one row of weights reveals.
+    """The beliefs that explain one row of weights.
 
     Args:
         reading: How it was read.

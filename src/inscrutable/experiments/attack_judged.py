@@ -36,7 +36,7 @@ _AWARE = "the aware observer, who knows the rule and sees all rows so far"
 
 
 class JudgedObserver(NamedTuple):
-    """What one observer read of the rows that it could read.
+    """The errors of one observer over the rows that it could read.
 
     `asked` is the requirement for the beliefs of these rows to count as hidden; None where no row was read, and where the
     stationary law, which an observer without weights estimates, is not unique. `n_off` is the number of rows that the assumed
@@ -68,7 +68,7 @@ class JudgedObserver(NamedTuple):
         return bool(self.reached.name == _AWARE and self.reached.error > odd)
 
     def summary(self, regimes: Sequence[str]) -> str:
-        """Return the verdict in one sentence; a second one where the observer tells a regime from others all the same."""
+        """Return the verdict in one sentence; in a second one where the observer nevertheless ranks a regime well."""
         if self.n_read == 0:
             return f"Hidden from {self.reached.name}: not known, as no belief explains any row."
         if 2 * self.n_off > self.n_read > 1:

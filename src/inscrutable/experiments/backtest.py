@@ -258,14 +258,14 @@ def _enough_restarts(market: ReturnsSample, settings: BacktestSettings) -> int:
 
 
 def regime_names(count: int) -> tuple[str, ...]:
-    """Return what a backtest calls its fitted regimes, by rising volatility."""
+    """Return the names of fitted regimes in a backtest, by rising volatility."""
     return _NAMES.get(count, default_names(count))
 
 
 def _with_public(
     read: BesideReturns, world: HiddenMarkovModel, market: ReturnsSample
 ) -> tuple[HiddenMarkovModel, PublicWorld, Array]:
-    """Return the investor's world with what is public, and the beliefs (T,X) from all returns on the dates of the decisions."""
+    """Return the investor's world and what is public of it, and the beliefs (T,X) from all returns at the decisions' dates."""
     alone = filter_beliefs(world, market.returns)
     public = public_world(read, world, market, alone.beliefs)
     seen = investors_world(public, world)

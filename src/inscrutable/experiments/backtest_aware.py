@@ -85,13 +85,13 @@ def doubted(chain: BeliefChain) -> BeliefChain:
     weights = chain.prior.weights
     anew = np.tile(weights, (len(chain.prior), 1))
     tables = None
-    if chain.public is not None:  # what is read then carries no information about the belief
+    if chain.public is not None:  # a symbol read in a redraw carries no information about the belief
         tables = [(1.0 - _DOUBT) * each.toarray() + _DOUBT * (weights @ each).sum() * anew for each in chain.public]
     return BeliefChain(chain.prior, (1.0 - _DOUBT) * chain.transition.toarray() + _DOUBT * anew, tables)
 
 
 class PublicSymbols(NamedTuple):
-    """What is public as symbols, for rivals who follow beliefs on a grid."""
+    """The public observations as symbols, for rivals who follow beliefs on a grid."""
 
     world: HiddenMarkovModel  # the investor's, with one public number
     cuts: Array
@@ -101,7 +101,7 @@ class PublicSymbols(NamedTuple):
 def rivals_chain(
     world: HiddenMarkovModel, resolution: int, public: PublicSymbols | None, *, rng: np.random.Generator
 ) -> BeliefChain:
-    """Return how the investor's belief moves for a rival, with tables of what is public if anything is."""
+    """Return the chain of the investor's belief as a rival assumes it, with the tables of public symbols, if any."""
     if public is None:
         return doubted(predicted_chain(world, resolution, rng=rng))
     return doubted(predicted_chain(public.world, resolution, rng=rng, cuts=public.cuts))

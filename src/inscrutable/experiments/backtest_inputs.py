@@ -116,7 +116,7 @@ class BacktestSettings:
 
     @property
     def budget_of_each(self) -> Budget:
-        """What CDM and PDM spend at every decision."""
+        """The budget of CDM and PDM for every decision."""
         if isinstance(self.budget, SilenceShare):
             raise InputError(
                 "a share of the silence regret is a budget once the regimes are known: run_backtest finds it"

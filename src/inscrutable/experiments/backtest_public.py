@@ -92,8 +92,8 @@ class BesideWeights:
     Args:
         said: What is followed, in words.
         everything: Of an observer who follows all returns with this model and sees no weights.
-        without: Of an observer who follows what is public and sees no weights; None where nothing is.
-        face: The belief nearest to that among those that explain the weights, by decision maker.
+        without: Of an observer who follows the public number and sees no weights; None without one.
+        face: The beliefs nearest to `without` among those that explain the weights, by decision maker.
         followed: Given the weights and the rule as well, by decision maker; empty where that was not computed.
     """
 
@@ -116,7 +116,7 @@ class BesideWeights:
 
 
 def public_world(beside: BesideReturns, world: HiddenMarkovModel, market: ReturnsSample, held: Any) -> PublicWorld:
-    """Return what is public; `held` are the filtered beliefs (N,X) that numbers of another kind than returns are fitted to."""
+    """Return the public observation; a number that is no return is fitted to the filtered beliefs `held` (N,X)."""
     assets, training = list(market.returns.columns), market.training
     if isinstance(beside.public, pd.Series):
         read = _on_dates(beside.public, pd.DatetimeIndex(market.returns.index), "public")

@@ -30,7 +30,7 @@ from inscrutable.validation import Array
 from inscrutable.worlds import FittedWorld, HiddenMarkovModel
 
 SEQUENTIAL = "SDM"
-"""What a backtest calls the sequential rule."""
+"""Name of the sequential rule in a backtest."""
 
 
 class SharpeComparison(NamedTuple):
@@ -90,7 +90,7 @@ class Backtest:
 
     @property
     def budget(self) -> Budget:
-        """What CDM and PDM spend on privacy at every decision."""
+        """The budget of CDM and PDM for every decision."""
         return self.settings.budget_of_each
 
     @property
@@ -117,7 +117,7 @@ class Backtest:
 
     @cached_property
     def investor(self) -> InvestorModel:
-        """What an observer may know of the investor, as `model.json` keeps it."""
+        """The investor's model that an observer may know, as `model.json` stores it."""
         kept = self.world  # a public sensor of other numbers is no part of the file
         world = HiddenMarkovModel(kept.transition, kept.emission, kept.initial, names=kept.names)
         until = self.settings.train_until

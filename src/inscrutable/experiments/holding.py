@@ -33,8 +33,8 @@ NAMING_GAINED = 1.0 / 3.0
 """Most naming of the likeliest state, as a share of the range from chance to always."""
 
 RANKED = 5.0 / 6.0
-"""Share of pairs that an observer ranks rightly beyond which it tells a state from others though it may seldom name it: two
-thirds of the way from chance, a half, to always. It is .72 under the sequential rule on the packaged returns and 1 for optimal
+"""Share of rightly ranked pairs beyond which an observer distinguishes a state even if it seldom names it: two thirds of the
+way from chance, a half, to always. It is .72 under the sequential rule on the packaged returns and 1 for optimal
 decisions; .92 was met where one regime held in 89 % of the weeks, so that the naming could hardly fail."""
 
 _MOST_LISTED = 3
@@ -187,7 +187,7 @@ def estimate_quality(estimates: Array, beliefs: Array) -> EstimateQuality:
 
 
 class StateRanking(NamedTuple):
-    """How well estimates tell in which cases a state is the likeliest: the area under the receiver operating characteristic.
+    """Accuracy of estimates in ranking the cases in which a state is the likeliest: the area under the ROC curve.
 
     `share` is the share of pairs, one case in which the state is likeliest and one in which it is not, where its estimated
     probability is larger in the first; equal ones count half.

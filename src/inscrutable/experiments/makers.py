@@ -55,7 +55,7 @@ _Hiding = TypeVar("_Hiding", bound="CounterAdversarial | Probabilistic")
 
 
 class Takes(Enum):
-    """What a decision maker takes for a budget."""
+    """The kind of budget that a decision maker takes."""
 
     NOTHING = "none: it always plays the same"
     EACH = "one per belief"

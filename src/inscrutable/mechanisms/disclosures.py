@@ -1,4 +1,4 @@
-"""What is disclosed of decisions, as data: which parts of each, at which steps, and how late.
+"""The disclosure of decisions, as data: which parts of each, at which steps, and how late.
 
 A disclosure is a list of operations on a stream x_t of decisions, the first applied first. A map changes every x_t alike; a
 schedule leaves some steps out or moves them. Maps and schedules commute, so every disclosure is one map and one `Schedule`.
@@ -146,7 +146,7 @@ class Disclosure:
         return tuple(CALENDARS[each.name] for each in self.operations if each.name in CALENDARS)
 
     def summary(self) -> str:
-        """Return the disclosure in words: what is disclosed, how often, how late, and by which rule."""
+        """Return the disclosure in words: its content, frequency and delay, and the rule behind it."""
         period, offset, lag = self.schedule
         often = (
             "every decision" if period == 1 else f"one decision in {period}, of steps {offset}, {offset + period}, …"

@@ -41,7 +41,7 @@ class PathLeakage(Summarised, Saved):
             leaks about the beliefs so far, beyond the decisions before it.
         cumulative: I(π_0..π_t; u_0..u_t), the sum of `added` up to the step; a negative mean over sampled paths counts in the
             sum and is 0 in `added`. With public observations each term is conditional on those up to its own step, so that
-            the sum is the directed information: later ones may tell the same again.
+            the sum is the directed information: later observations may repeat it.
         belief_information: I(π_t; u_0..u_t): what all decisions so far leak about the present belief.
         state_information: I(x_t; u_0..u_t): what all decisions so far leak about the present state.
         bayes_error: √E‖π_t − E[π_t|u_0..u_t]‖², Euclidean.

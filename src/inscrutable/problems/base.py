@@ -42,7 +42,7 @@ class DecisionProblem(ABC):
     """Whether decisions are single choices, without mixtures."""
 
     cost_accuracy: float = tolerances.COST_ACCURACY
-    """How far above V(π) the cost of `solve(π)` may lie, relative to the largest expected size Σ π_i|c(i,u) − c(i,v)| of a
+    """Largest excess of the cost of `solve(π)` over V(π), relative to the largest expected size Σ π_i|c(i,u) − c(i,v)| of a
     difference of costs; proofs allow for it and for the rounding of costs."""
 
     @property

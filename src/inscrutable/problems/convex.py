@@ -130,7 +130,7 @@ class ConvexProblem(DecisionProblem):
 
     @property
     def cost_accuracy(self) -> float:  # type: ignore[override]
-        """How far above V(π) the cost of `solve(π)` may lie: the error of the method by which the costs are solved."""
+        """Largest excess of the cost of `solve(π)` over V(π): the error of the method that solves these costs."""
         if self._stated is not None:
             return self._stated.cost_accuracy
         return tolerances.COST_ACCURACY if self.differentiable else tolerances.KINKED

@@ -52,7 +52,7 @@ def table_of(result: Backtest) -> pd.DataFrame:
     Returns:
         Floats in the units that the labels name.
 
-    Cost: none to speak of. Example: see `run_backtest` in `inscrutable.experiments.backtest`.
+    Cost: negligible. Example: see `run_backtest` in `inscrutable.experiments.backtest`.
     """
     rows = _rows(result)
     table = pd.DataFrame(

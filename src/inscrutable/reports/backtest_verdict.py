@@ -72,7 +72,7 @@ def answer(result: Backtest) -> str:
 
 
 class _Nothing(NamedTuple):
-    """What is not there to hide, and why."""
+    """The quantity of which there is nothing to hide, and the reason, as text."""
 
     what: str
     why: str
@@ -376,7 +376,7 @@ def cautions(result: Backtest) -> list[str]:
 
 
 def _ranked(result: Backtest, name: str) -> str:
-    """Return a caution where the aware observer tells regimes apart under a rule that counts as hiding; else nothing."""
+    """Return a caution where the aware observer ranks a regime well under a rule that counts as hiding; else nothing."""
     if result.aware is None or not _asked(result).is_met(_SEEN["aware"].reached(name, result.figures[name])):
         return ""
     ranking = best_ranking(result.followed_estimates(name).to_numpy(), result.beliefs.to_numpy())

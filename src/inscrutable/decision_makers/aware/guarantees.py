@@ -240,7 +240,7 @@ class DetectabilityCap(Guarantee):
         return min(0.5 * float(np.abs(game.played(table) - game.honest).sum()), 1.0)
 
     def rows(self, game: PlayedGame) -> RowBlock:
-        """Rows p_m − q_m ≤ v_m and Σ_m v_m ≤ δ: what is played too often is half of the difference."""
+        """Rows p_m − q_m ≤ v_m and Σ_m v_m ≤ δ: the sum of the positive differences is half of the total."""
         n_columns = game.shape[1]
         law = SPARSE.kron(game.weights[None], SPARSE.identity(n_columns))
         return RowBlock(

@@ -273,7 +273,7 @@ def _products(game: Game, now: _Point, move: _Point | None, lengths: tuple[float
 
 
 def _centre(game: Game, products: Pair, ahead: Pair) -> tuple[Array, float]:
-    """What every product of a row would be on the central path (B,), and the share of it to aim at."""
+    """The value of every product of a row on the central path (B,), and the share of it that the step aims at."""
     total = float(game.weights @ (products[0].sum(axis=1) + products[1]))
     share = (max(float(game.weights @ (ahead[0].sum(axis=1) + ahead[1])), 0.0) / total) ** 3
     each = _centres(game)

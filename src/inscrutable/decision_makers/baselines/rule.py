@@ -31,7 +31,7 @@ class RuleDecisionMaker(Described, ABC):
         """Return the decisions for beliefs (T,X) as points (T,U)."""
 
     def decide(self, belief: ArrayLike) -> Decision:
-        """Return the decision for one belief (X,); of a rule with memory the first one of a path, since none is kept."""
+        """Return the decision for one belief (X,); for a rule with memory the belief is the first one of a path."""
         return self.decide_many(validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names))[0]
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> Decisions:

@@ -1,4 +1,4 @@
-"""What may be spent under a belief, how far that reaches, and what decisions are worth."""
+"""The regret allowed under a belief, how far it reaches along rays and steps, and the privacy of decisions."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Goal:
         accuracy: float,
         width: float = tolerances.POLISH,
     ) -> tuple[Array, Array]:
-        """How far ways that begin at decisions `kept` (n,U) are affordable, and the last affordable decisions."""
+        """Return the longest affordable shares of paths from decisions `kept` (n,U), and the last affordable decisions."""
 
         def excess(which: np.ndarray, shares: Array) -> Array:
             actions = way(which, shares)

@@ -1,4 +1,4 @@
-"""How far the budget reaches in every direction of belief.
+"""The farthest affordable decoy in every direction of belief.
 
 On a ray y_t = π + t(y − π) the regret of u*(y_t) never decreases, for every cost and feasible set: ρ is the
 Bregman divergence of −V. The affordable decoys are therefore star-shaped around the true belief, and one length per direction

@@ -104,7 +104,7 @@ def calibrated(
         try:
             long = _refined(market, told, (ends[0], ends[1]))
             return replace(long, loss=long.loss + table.floor)
-        except SolverError as error:  # longer simulations reach laws that short ones did not
+        except SolverError as error:  # longer simulations may reach laws that short ones did not
             if not found:
                 raise
             _LOGGER.warning("information_price %.4g was replaced by the next best: %s", told, error)

@@ -47,7 +47,7 @@ class Prepared(Protocol):
 
     @property
     def law(self) -> ChainLaw:
-        """How the observer's law moves."""
+        """The dynamics of the observer's law."""
 
     @property
     def limit(self) -> float:

@@ -241,7 +241,7 @@ def on_cluster(address: str) -> Executor:
 
 
 def _check_address(address: str) -> None:
-    """Refuse what is no address: a client that is given such a text waits a minute before it gives up."""
+    """Raise an error for a malformed address: a client would wait a minute before it fails."""
     from distributed.comm.addressing import parse_address, parse_host_port
     from distributed.comm.registry import get_backend
 

@@ -91,7 +91,7 @@ class StudyGrid:
     def parts(self, places: Sequence[int]) -> dict[str, str]:
         """Return the canonical text of each part of a task, by name."""
         maker, budget = self.plays[places[5]]
-        # Without a rival the identities of tasks are what they were.
+        # Without a rival, tasks have the same identities as before there were rivals.
         rival = {} if self.study.rival is None else {"rival": canonical(self.study.rival.model_dump(exclude_none=True))}
         return {
             "adversary": self.adversaries[places[6]].text,

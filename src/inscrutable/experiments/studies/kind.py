@@ -23,9 +23,9 @@ class Kind:
         grid: Returns the tasks, from the file and the hash of its data.
         runner: Does them.
         data_hash: Returns the hash of the data that a file names, from the file and its folder; None without any.
-        prepared: Returns what is computed once for all processes, as plain data, from the file and its folder.
+        prepared: Returns data that are computed once for all processes, as plain data, from the file and its folder.
         table: Returns rows as a table, from the tasks and the rows, with the seconds that each took or without.
-        check: Raises what is wrong with the data that a file names, from the file and its folder.
+        check: Raises an error if the data that a file names are invalid, from the file and its folder.
     """
 
     layout: type[PlanFile]

@@ -67,7 +67,7 @@ def all_rows(
         folder: Where its rows are kept while it runs. An unfinished run of the same study by the same versions is
             continued. Any other study of its kind is begun anew, and an unfinished one is set aside. None keeps nothing.
         jobs: As for `run_study`.
-        again: Whether a finished run of the same study is done anew; otherwise its rows are returned.
+        again: Whether a finished run of the same study is repeated; otherwise its rows are returned.
         prepared: Called with what was prepared before the first task.
         progress: Called with (tasks done, tasks in all) for every task.
 
@@ -139,7 +139,7 @@ def check_done(rows: list[Row]) -> None:
 
 
 def _can_go_on(study: Study, place: Path, *, again: bool) -> bool:
-    """Whether the folder has rows of this very study, and not all of them if a finished one is to be done anew."""
+    """Whether the folder has rows of the same study that can be continued; with `again` a finished study cannot."""
     if not (place / STORE).exists():
         return False
     found = Study.load(place)

@@ -30,8 +30,8 @@ from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
 _SHAPE = {1: 0.01, 2: 0.01, 3: 0.01, 4: 0.03}
-"""Share of ε by which corners of the outer polytope may exceed it, by number of states up to four. With a third of it 18 sets
-have 1.8 times the corners, and a probability of a centre moves by up to 19 %; with three times .6 times, and by up to 26 %."""
+"""Share of ε by which corners of the outer polytope may exceed it, by number of states up to four. With a third of it, 18 sets
+have 1.8 times the corners, and a centre's probability moves by up to 19 %; with three times, .6 times, and by up to 26 %."""
 _STEPS, _MOST_SHRINKS = 50, 200
 """Steps of hit-and-run, and most trials on a line: 20 give the same. In one of eight sets over five to seven states the
 distribution of a coordinate of 800 members is .18 off with 17 steps, .09 with 50, .08 with 150 and with 400."""

@@ -20,8 +20,8 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 _MORE = 10.0
-"""A Farkas ray excludes solutions whose unknowns sum to at most this multiple of one plus the sum found. With 1 to 1,000 none
-of 30 learned costs changes, nor the time up to 30."""
+"""A Farkas ray excludes solutions whose unknowns sum to at most this multiple of one plus the sum found. With 1 to 1,000, none
+of 30 learned costs changes; nor does the time up to 30."""
 
 
 class Conditions(NamedTuple):

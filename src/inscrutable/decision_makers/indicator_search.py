@@ -236,10 +236,11 @@ def cheapest_keeping_distance(case: Case, belief: Array, best: Search, most: flo
 
 
 _MOST_SEARCHES = 20
-"""With 10, ten of 100 decisions over two to five states that keep a distance cost up to 3 % more; with 40 one gains 3e-5."""
+"""Most searches at falling budgets. With 10, ten of 100 decisions over two to five states that keep a distance cost up to 3 %
+more; with 40, one gains 3e-5."""
 _JUMPS = 0.75
-"""A privacy jumps within a bracket where its gap there is above this share of the former one's. With .6 one of these 100 costs
-12 % more, with .9 two 5 and 10 %; without bisections two 6 and 15 %, in 1.2 times the time."""
+"""A privacy jumps within a bracket where its gap there is above this share of the former one's. With .6, one of these 100 costs
+12 % more; with .9, two cost 5 and 10 % more; without bisections, two cost 6 and 15 % more, in 1.2 times the time."""
 
 
 def cheapest_at_distance(

@@ -19,19 +19,19 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 _TRIES_A_START, _BLOCK = 200, 16
-"""Random decisions among which a start is looked for, and how many are judged at once. Of 40 problems over two to five states
+"""Random decisions among which a start is looked for, and how many are judged at once. Of 40 problems over two to five states,
 two have fewer starts with 60, and two have more with 600, in 1.3 times the time. With five or 48 at once all take as long, one
 by one twice as long, all at once up to 1.5 times."""
 _UNEXPLAINED = 2.0
-"""Loss of a trial that no belief explains, above the largest: of 50 problems with at most as many assets as states one loses
-two of three starts with 0 or 6; with .7 five gain and five lose up to 2 %."""
+"""Loss of a trial that no belief explains, above the largest: of 50 problems with at most as many assets as states, one loses
+two of three starts with 0 or 6; with .7, five gain and five lose up to 2 %."""
 _STEP = 2.0**-30
 """Starts lie on multiples of this share of the way to the budget's end: the solver's answer may depend on the last digits of
 its start, and these must not depend on the root finder."""
 _ACCURACY = 2.0**-45
 """Accuracy of these ends: one in thirty thousand is rounded to another multiple."""
 _DIFFERENCE = float(np.sqrt(np.finfo(float).eps))
-"""Step of forward differences. With a fifth of it 10 of these 50 lose up to 1.2 % and two gain a start; with three times as
+"""Step of forward differences. With a fifth of it, 10 of these 50 lose up to 1.2 % and two gain a start; with three times as
 much six gain up to 2 %."""
 
 

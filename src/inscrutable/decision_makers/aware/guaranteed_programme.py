@@ -46,7 +46,7 @@ _WHOLE = 15_000
 to 136 beliefs take 2.3 times as long if all are always there, and .57 of the time if they never are, but then single ones
 3.9 times, with gaps up to 4e-5 instead of 0."""
 _FIRST, _PREFERRED, _TEMPTING = 24, 6, 12
-"""Decisions at first, and how many enter at a time. With 8 at first these nine take as long, with 72 1.65 times; with 2 or 18
+"""Decisions at first, and how many enter at a time. With 8 at first these nine take as long; with 72, 1.65 times; with 2 or 18
 preferred 1.1 and 1.0 times, with 4 or 36 tempting 1.06 and 1.0."""
 _FRESH = 3
 """Rounds that a decision of probability 0 stays, unless it entered for its reduced cost. If it stays for ever, floors of the

@@ -16,7 +16,7 @@ from inscrutable.decision_makers.aware.rate_distortion_steps import Source, meet
 from inscrutable.validation import Array
 
 _MOST_STEPS = 60
-"""With 180 the steps of 23 curves from 21 by 36 to 136 by 136 are the same; with 20 two rates change within the gap."""
+"""With 180, the steps of 23 curves from 21 by 36 to 136 by 136 are the same; with 20, two rates change within the gap."""
 _TO_BOUNDARY = 0.95
 """Share of the way to the boundary that a step goes at most. With .8 these curves take 1.1 times as long, with .99 as long."""
 _TINY = np.finfo(float).tiny

@@ -24,12 +24,12 @@ from inscrutable.problems import DecisionProblem, FiniteProblem
 from inscrutable.validation import Array
 
 _MOST_ROUNDS = 60
-"""Not reached in 20 games of 20 to 140 beliefs, 36 to 5,048 decisions and gaps from 1e-6 to .02: at most 25 were needed."""
+"""Never reached: 20 games of 20 to 140 beliefs, 36 to 5,048 decisions and gaps from 1e-6 to .02 need at most 25."""
 _FIRST, _ADDED = 40, 40
 """Decisions at first, and how many may enter at a time. With 13 at first these 20 take .9 of the time, with 13 at a time .95,
 with 120 at a time 1.05, and single ones up to 1.3 times as long."""
 _FEW_CHOICES = 12
-"""Choices of a rival up to which all are answers to every decision from the start. With none 42 games with rivals of 3 to 40
+"""Choices of a rival up to which all are answers to every decision from the start. With none, 42 games with rivals of 3 to 40
 choices end at the same values in 1.1 times the time, one in 4.8 times; with 36 in as much time."""
 
 

@@ -27,7 +27,7 @@ MOST_CALLS = 10_000
 """Default limit of oracle calls of a proof."""
 
 _MOST_ROUNDS = 30
-"""Most rounds of a lottery's proof: 58 of 62 take at most 12, and the others gain nothing after these. With 12 one loses .7 %;
+"""Most rounds of a lottery's proof: 58 of 62 take at most 12, and the others gain nothing after these. With 12, one loses .7 %;
 with 100 and 300 none differs, in 1.1 times the time."""
 _JUDGED = 8
 """Beliefs found by a proof whose decisions are judged. With one, five of 62 lotteries end up to .3 % further from their

@@ -24,8 +24,8 @@ _MOST_TRIALS, _MOST_ATOMS = 64, 16
 costs with kinks, 18 decisions lose up to .58 of privacy with one place and two lotteries .01 with two; none with eight and
 four."""
 _SHARES = (tolerances.SLACK_SAFETY, 0.001, 0.01, 0.1)
-"""Least shares of each tied decision in a mixture; kinks may need more than rows. With any one of these alone 9 to 17 of the 48
-lotteries lose up to .03 to .77 of privacy, in half the time; with the first and third alone seven lose up to .07."""
+"""Least shares of each tied decision in a mixture; kinks may need more than rows. With any one of these alone, 9 to 17 of the
+48 lotteries lose up to .03 to .77 of privacy, in half the time; with the first and third alone, seven lose up to .07."""
 
 
 class PolyhedralProof(NamedTuple):

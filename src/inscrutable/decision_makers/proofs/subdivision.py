@@ -22,7 +22,7 @@ _TRIED_SHARE = 0.1
 two to five states, .03 for 27, and .3 for all; curved costs over two to six states take 176 to 827 of 10,000 in vain."""
 _MOST_ENTRIES, _MOST_CORNERS = 20_000_000, 1e9
 """Limits of memory: corners times decisions, and a bound of a polytope's corners by its facets. 60 linear problems over two to
-six states stay at a ninetieth and a seventieth of them."""
+six states need at most a ninetieth and a seventieth of them."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,8 +53,8 @@ _STARTS, _SIGNS = 60, 7  # candidates that a search starts from; directions whos
 states with as many assets or fewer lose up to 37 %. With 24 and five, 3 of 1,176 over five to eight states lose up to 5.7 %;
 they take a tenth to a third less time from seven states on, and as long over three and four."""
 _MOST_REACHED, _MOST_TRIED = 64, 1024
-"""Regions that a search keeps, and that it may climb. With 16 one of 240 decisions in concentrated markets loses 22 %, with 128
-two lose up to 1.6 %, none faster; others do not change."""
+"""Regions that a search keeps, and that it may climb. With 16, one of 240 decisions in concentrated markets loses 22 %; with
+128 two lose up to 1.6 %, none faster; others do not change."""
 FIRST, NEVER_SKIPPED = np.inf, tolerances.SIMPLEX_DIAMETER
 """Bonuses of a start: it comes before all others; it promises more than any distance that is found."""
 _FEW = 100
@@ -74,8 +74,8 @@ _RAY_STEPS, _SPARED, _FARTHER = 40, 0.02, 4.0
 decisions over two states whose costs lie a decade apart lose under a budget of .3 %, most of them all of up to 1.33. Other
 decisions take as long: their ends are near after a few steps."""
 _PATIENCE, _LEAST_PATIENCE = 4, 8
-"""Regions, for each state above two, whose neighbours are searched in vain before a search ends. With ten in all 10 of 672
-decisions over six and eight states lose up to 5 %, and lotteries 10 %; with 3 at X = 5 twice as much is lost. With 6 one of
+"""Regions, for each state above two, whose neighbours are searched in vain before a search ends. With ten in all, 10 of 672
+decisions over six and eight states lose up to 5 %, and lotteries 10 %; with 3 at X = 5 twice as much is lost. With 6, one of
 900 lotteries over five to eight states gains 10 % and two lose .8 %, in 1.05 times the time. With four at least one of 41
 decisions under trading costs loses 21 %; eight take as long."""
 _FREED, _FREED_LIFTED = 1, 2

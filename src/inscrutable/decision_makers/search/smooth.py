@@ -25,9 +25,9 @@ from inscrutable.validation import Array
 
 _POINTS, _ROUNDS = 7, 10  # of the pattern search over directions
 _FIRST_SPREAD, _SHRINK = 0.5, 0.4
-"""Of 24 growth decisions one loses .03 % with 4 points, seven up to 1.6 % with 6 rounds; three .1 % with a first spread of 1
-and six .3 % with a factor of .6, where directions are not close enough in the end. With twice the points or 16 rounds two gain
-.02 %, in 1.1 and 1.2 times the time; .25 and .2 lose .03 %."""
+"""Of 24 growth decisions, one loses .03 % with 4 points, and seven lose up to 1.6 % with 6 rounds. Three lose .1 % with a first
+spread of 1, and six .3 % with a factor of .6, as directions are not close enough in the end. With twice the points or 16 rounds
+two gain .02 %, in 1.1 and 1.2 times the time; .25 and .2 lose .03 %."""
 
 
 class _Climb:
@@ -102,11 +102,11 @@ def _turns(direction: Array, rng: np.random.Generator) -> Array:
 
 
 _FACES, _STARTS_A_FACE = 10, 6
-"""Of 24 growth decisions three lose .3 % with 3 faces, none gains with 30; two lose 1.4 % with 3 starts a face, in 4/5 of the
-time, six with one."""
+"""Of 24 growth decisions, three lose .3 % with 3 faces, and none gains with 30. Two lose 1.4 % with 3 starts a face, in 4/5 of
+the time, and six with one."""
 _STARTS_APART = 0.1  # of the extent of all decoys; with 0 and .3 one of 24 growth decisions loses .1 %
 _ZOOM_POINTS, _ZOOM_ROUNDS = 41, 7
-"""With 15 points four of 24 growth decisions lose .3 %, with 81 two gain .2 % in 1.2 times the time; with 4 rounds one loses
+"""With 15 points, four of 24 growth decisions lose .3 %; with 81, two gain .2 % in 1.2 times the time; with 4 rounds one loses
 3e-5, with 12 none gains."""
 
 

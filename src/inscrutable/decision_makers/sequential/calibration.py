@@ -40,7 +40,8 @@ _BATCH = 50
 """Steps whose mean counts as one observation. On six chains of 28 beliefs that rest with .5 to .98 the stated errors of a mean
 regret are .13 to .98 of the spread of 40 runs, with 17 steps .09 to .89, with 150 .18 to .97."""
 _NEAR, _NARROW = 0.02, 1.02
-"""Relative: regrets near enough, equal prices. With .01 or .05, and with 1.1, losses of four chains change by .05 % at most."""
+"""Relative differences of regrets near enough, and of equal prices. With .01 or .05, and with 1.1, losses of four chains change
+by .05 % at most."""
 _MOST_TRIALS, _DOUBLINGS = 12, 24  # with 6 and 12 none of these chains changes
 
 

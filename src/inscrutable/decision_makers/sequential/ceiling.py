@@ -28,8 +28,8 @@ _MOST_ROUNDS = 20
 _FORBIDDEN = 1_000_000.0
 """Price of a decision that a cap forbids, in units of the prior loss: with 100 and 1e9 none of 15 bounds under caps changes."""
 _INSIDE = 0.1
-"""Share of the way between two prices that a new one keeps from either. With less these 24 take as many steps; with .2 two
-bounds are up to .02 % of the prior loss larger, with .5 five up to .06 %, in 1.2 times the steps."""
+"""Share of the way between two prices that a new one keeps from either. With less these 24 take as many steps; with .2, two
+bounds are up to .02 % of the prior loss larger; with .5, five up to .06 %, in 1.2 times the steps."""
 _BESIDE = 0.95
 """Factor to the next price where a step was not solved: none of 162 in these 24."""
 

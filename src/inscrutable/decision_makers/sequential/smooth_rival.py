@@ -33,8 +33,8 @@ _PRICING_STEPS = 40
 _CUT = 0.3
 """A step that does not help is cut to this share; 24 portfolio rivals take 1.5 times as long with .1, as long with .5."""
 _ADDED, _TRIED = 8, 120
-"""Decisions that enter at once, and that are priced at once. Of 13 portfolio rivals at a small price of information 2 are left
-unsolved, with 5 and 60 four, in twice the time; with 2 or 30 steps take 1.3 to 2.5 times as long."""
+"""Decisions that enter at once, and that are priced at once. Of 13 portfolio rivals at a small price of information, 2 are
+left unsolved; with 5 and 60, four, in twice the time; with 2 or 30, steps take 1.3 to 2.5 times as long."""
 _SURE, _CERTAIN = 0.1, 0.9
 """Shares of a decision's gain at which its pricing ends: the change by a further step, and the loss to a better answer; with a
 tenth or five times of the first, or .1 for the second, 30 portfolio rivals take as long."""
@@ -43,8 +43,8 @@ _LAST = 0.01  # slope of the last step, in units of the gain to which decisions 
 _BISECTIONS = 26  # with 13 and 40 as long
 _WAYS, _RATIO = 3, 0.25
 """Continuations from ever larger prices of information, where steps stall, and the ratio of a price to the one before. With
-one continuation one of nine steps at a hundredth of the prior loss stays unsolved; with nine, or ratios of .08 and .5, all of
-33 are solved, as long at three hundredths."""
+one continuation, one of nine steps at a hundredth of the prior loss stays unsolved; with nine, or ratios of .08 and .5, all of
+33 are solved; at three hundredths in the same time."""
 
 
 class ActedOn(NamedTuple):

@@ -83,19 +83,19 @@ def _options(protection: Protection, step: int) -> list[tuple[str, float, Array,
 def option_lines(protection: Protection, step: int) -> pd.DataFrame:
     """Return one row's options side by side as text, for a terminal; weights below half a basis point left out."""
     table = pd.DataFrame(protect_table(protection).loc[protection.index[step]]).T
-    lines = table.map(lambda value: value if isinstance(value, str) else "" if np.isnan(value) else f"{value:.4f}")
+    lines = table.map(lambda value: value if isinstance(value, str) else "" if np.isnan(value) else f"{value:z.4f}")
     lines.loc["privacy"] = [
         privacy_text(protection.measure, float(value), 4) for value in table.loc["privacy"].to_numpy()
     ]
     lines.loc["regret"] = [f"{BASIS_POINTS * value:.3g}" for value in table.loc["regret"].to_numpy(dtype=float)]
-    lines.loc["regret / |c*|"] = [f"{value:.1%}" for value in table.loc["regret / |c*|"]]
+    lines.loc["regret / |c*|"] = [f"{value:z.1%}" for value in table.loc["regret / |c*|"]]
     lines = lines.rename(index={"regret": "regret, bp"})
     weights = [f"weight: {asset}" for asset in protection.model.assets]
     idle = [name for name in weights if np.abs(table.loc[name].to_numpy(dtype=float)).max() < _SMALLEST_SHOWN]
     if np.array_equal(lines.loc["privacy"], lines.loc["distance"]):  # of maximal obfuscation they are one
         idle.append("distance")
     if protection.planned is not None:
-        planned = [f"{value:.4f}" for value in protection.planned.rows[step].action]
+        planned = [f"{value:z.4f}" for value in protection.planned.rows[step].action]
         lines.insert(0, "planned", pd.Series(planned, index=weights).reindex(lines.index).fillna(""))
     lines = lines.drop(index=idle)
     lines.index.name = None

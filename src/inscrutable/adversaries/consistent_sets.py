@@ -23,7 +23,6 @@ class ConsistentSets:
 
     Dimension −1 is the empty set, 0 a point, 1 the segment from `start` to `end`, 2 a set of two or more dimensions with the
     member `start`.
-
     """
 
     problem: DecisionProblem

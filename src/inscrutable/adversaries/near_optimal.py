@@ -256,7 +256,10 @@ class NearOptimalBeliefs:
         return np.full(self.n_states, np.nan) if self.is_empty else np.asarray(self.vertices().mean(axis=0))
 
     def sample(self, n: int, *, rng: np.random.Generator) -> Array:
-        """Return `n` members drawn uniformly, from the outer polytope up to four states, shape (n, X)."""
+        """Return `n` members drawn uniformly, from the outer polytope up to four states, shape (n, X).
+
+        Raises `InputError` where the set is empty.
+        """
         if self.is_empty:
             raise InputError(f"cannot sample an empty set: the regret is above {self.regret:g} under every belief")
         count, source = validation.count(n, "n"), validation.generator(rng)

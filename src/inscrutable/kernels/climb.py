@@ -38,15 +38,16 @@ MET = EXPLAINED  # violation of a row that counts as none
 PROJECTED = 0.01 * MET  # the same for the linearised rows that steps are projected on
 NO_GAIN = POLISH**1.5  # gain that is not worth a step
 FIRST_TURNS, LATER_TURNS = integer(8), integer(3)  # Newton steps onto the rows, from a start and from a step's end
-_MOST_TRIALS = 180  # of a climb, a limit: a few times what the slowest of the kept instances took
+_MOST_TRIALS = 180  # most trials of a climb: a few times the number of the slowest stored instance
 _NEARBY = 1e-3
 """A row is left out of the steps until its value has come below this. With 1e-4 one of 960 decisions loses .006 %; where none
 is left out two lotteries lose, up to .4 %, in up to 1.1 times the time."""
 _MOST_SHIFTS, _FIRST_SHIFT = 60, 1e-3
-"""Of the Hessian, in units of its size. With twelve, 10 of 960 decisions lose up to 12 %; with .01 or .0001 first, five or six
-lose up to 4 %, three to five gain up to .1 %, and lotteries differ to either side."""
+"""Most shifts of the Hessian, and the first one in units of its size. With twelve, 10 of 960 decisions lose up to 12 %; with a
+first one of .01 or .0001, five or six lose up to 4 %, three to five gain up to .1 %, and lotteries differ to either side."""
 _GROWTH = 4.0
-"""Factor from one shift to the next. With 2 one and with 10 two of 600 decisions over two to seven states lose up to 19 %."""
+"""Factor from one shift to the next. With 2, one of 600 decisions over two to seven states, and with 10,
+two lose up to 19 %."""
 _CONVEX = 1e-9  # least share of a pivot that may remain
 _ACROSS = 3.0
 """Curvature across rows that held, over the largest of the rest. With 1, 25 of these 600 lose up to 19 %, with 10 two."""

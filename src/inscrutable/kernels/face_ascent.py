@@ -41,18 +41,18 @@ _NONE = integer(0)
 _WITNESS = 1e-2
 """Curvature of the member's coordinates, as a share of the decision's. Of 840 decisions and lotteries where states outnumber
 actions, .001 loses in 13, up to 25 %; with .1 seven gain, 4 % at most, and three lose .02 %."""
-_LEAST_WITNESS = 1e-12  # of that curvature, where the decision has none: the model stays positive definite
+_LEAST_WITNESS = 1e-12  # least share of it, where the decision has none: the model stays positive definite
 _ACROSS = 3.0
 """Curvature across rows that held, over the largest of the rest; with 1 or 10, some ten of these 840 differ to either side."""
-_LEAST_SQUARE = 1e-8  # of a unit row's part along the decision; below it the row is one of the member alone
+_LEAST_SQUARE = 1e-8  # least square of a unit row's part along the decision; below it the row is the member's alone
 _GROWTH = 2.0
 """Factor of the shift that makes the model convex; with 4 or 10, some eight of these 840 differ to either side."""
-_TRIALS = 60  # of an ascent; over six states and four assets one takes 14 on average
+_TRIALS = 60  # most trials of an ascent; over six states and four assets one takes 14 on average
 _CREEP = 1e-5
 """An ascent ends where its last gain and the next one promised, each repeated in all trials left, are less than this share of
 the value: half to two thirds of all trials gain less."""
 _OF_SHORTFALL = 0.25
-"""It ends as well where they are less than this share of what it lacks to the best value known. Of 5,400 decisions and
+"""It also ends where they are less than this share of the shortfall from the best known value. Of 5,400 decisions and
 lotteries over three to eight states and fewer assets none loses .05 %, two gain, up to 1.3 %, and those over six to eight
 states take 10 to 19 % less time; with 1, eight lose, up to 13 %."""
 _EASE = 0.01  # unit of the member's coordinates: it follows a decision almost for free

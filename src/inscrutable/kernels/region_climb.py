@@ -22,8 +22,8 @@ from inscrutable.kernels.set_distance import NO_ROW, cost_at, distance_room, nea
 from inscrutable.tolerances import BUDGET_SAFETY, ROW_IN_REACH
 
 _HALVINGS = 12
-"""Of a step that crosses a boundary; with 20 no privacy is larger by 1e-5 of itself, with six 16 of 960 decisions lose, up to
-.4 %, and 37 lotteries, up to 1.3 %."""
+"""Halvings of a step that crosses a boundary. With 20, no privacy is larger by 1e-5 of itself; with six, 16 of 960 decisions
+lose up to .4 %, and 37 lotteries up to 1.3 %."""
 _IMPOSSIBLE = 1e-5
 """A probability that counts as zero on a boundary: climbs leave more of it than rounding. With 1e-6 two of 960 lotteries lose,
 up to 18 %; with 1e-4 one of them and two decisions gain, up to .3 %."""

@@ -34,8 +34,8 @@ _ROUNDS, _PRICING_STEPS = 60, integer(30)  # three to six, and three are usual
 _NO_DECISION = integer(-1)
 _MOST_ADDED = 3  # decisions that enter at once; a fourth one costs more in Newton's steps than it saves in rounds
 _APART = 0.01  # share of the law's variance by which the estimates of decisions that enter at once must differ
-_RATIO = 0.25  # from one price of information to the next in the continuation to a small one
-_LOWER = 0.1  # from one barrier of mixed answers to the next
+_RATIO = 0.25  # factor from one price of information to the next in the continuation to a small one
+_LOWER = 0.1  # factor from one barrier of mixed answers to the next
 _WAYS = 4  # continuations from ever larger prices of information, where Newton's steps stall: one step in a thousand small ones
 
 

@@ -47,7 +47,7 @@ class DistanceRoom(NamedTuple):
 
 @kernel
 def distance_room(n_states: int, n_free: int, n_rows: int) -> DistanceRoom:
-    """Return memory for faces of at most so many free coordinates and rows."""
+    """Return memory for faces of at most `n_free` free coordinates and `n_rows` rows."""
     n, most = n_states - 1, n_states + n_rows
     return DistanceRoom(
         np.zeros(n_free + n_rows, dtype=np.bool_), np.empty((most, n)), np.empty(most), np.empty(most),

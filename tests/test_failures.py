@@ -168,13 +168,13 @@ def test_cutting_planes_that_do_not_close_are_named(monkeypatch):
     problem = market(6)
     action = np.full(6, 1 / 6)
     monkeypatch.setattr(plausibility, "MOST_PLANES", 1)
-    with pytest.raises(SolverError, match="the plausibility gap did not close: between"):
+    with pytest.raises(SolverError, match="the plausibility gap did not converge: between"):
         plausibility_gap(problem, action)
     monkeypatch.undo()
     near = near_optimal_beliefs(problem, problem.solve(BELIEF), 1e-4)
     monkeypatch.setattr(near_optimal, "MOST_PLANES", 0)
     with pytest.raises(
-        SolverError, match=r"cutting planes for the near-optimal beliefs at regret 0\.0001 did not close"
+        SolverError, match=r"cutting planes for the near-optimal beliefs at regret 0\.0001 did not converge"
     ):
         near.nearest([1.0, 0.0, 0.0])
 

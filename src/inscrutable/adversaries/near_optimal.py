@@ -192,7 +192,7 @@ class NearOptimalBeliefs:
             if float(point @ plane) - self.regret <= self.accuracy:
                 return point
             self._planes.append(plane)
-        raise SolverError(f"cutting planes for the near-optimal beliefs at regret {self.regret:g} did not close")
+        raise SolverError(f"cutting planes for the near-optimal beliefs at regret {self.regret:g} did not converge")
 
     def nearest(self, belief: ArrayLike) -> Array:
         """Return the member nearest to `belief` (X,); NaN where the set is empty."""

@@ -115,7 +115,7 @@ class _Search:
         self._rounds += 1
         if self._rounds > MOST_PLANES:
             raise SolverError(
-                f"the plausibility gap did not close: between {lower * self._scale:.3g} and {self._upper:.3g}"
+                f"the plausibility gap did not converge: between {lower * self._scale:.3g} and {self._upper:.3g}"
             )
         # Add the midpoint to the best belief so far: Kelley's minimisers alone zigzag.
         self.waiting = np.vstack([trial, 0.5 * (trial + self._best)])

@@ -193,7 +193,7 @@ def _record(reached: Any, t: int, number: int, orthant: int, optima: Any, s: int
 @uncounted
 def _way(source: int, decoy: Any, point: Any) -> int:
     """Number of a way into a region: 0 from the best decision of a neighbour; 1, 3, 5, … from farthest beliefs in each
-    orthant; 2, 4, 6, … from beliefs of freed rows. With a single way for all, 1 of 800 decisions over three states loses 7 %."""
+    orthant; 2, 4, 6, … from beliefs of freed rows. With one way for all, 1 of 800 decisions over three states loses 7 %."""
     return 0 if source == BEST else 1 + 2 * _orthant(decoy, point) + (1 if source >= FREED else 0)
 
 

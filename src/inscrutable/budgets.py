@@ -135,7 +135,7 @@ class SilenceShare:
 
     @property
     def remark(self) -> str:
-        """What is odd about the share, in one sentence; empty where nothing is."""
+        """A caution about an unusual share, in one sentence; empty for a usual one."""
         if self.share <= 1.0:
             return ""
         percent = f"; {self.share:g} per cent are written silence:{self.share:g}%" if self.share >= 2.0 else ""

@@ -59,13 +59,13 @@ class _Barrier:
         self.start = _inside(moves, theta, limit)
 
     def room(self, error: Array) -> Array:
-        """S."""
+        """Return the matrix S of the constraint S ⪰ 0."""
         both, kept, joint = self.rows
         found = joint + both @ error @ both.T - kept @ error @ kept.T
         return np.asarray(0.5 * (found + found.T))
 
     def spare(self, error: Array) -> float:
-        """s."""
+        """Return the unspent regret s = limit − tr(ΘE)."""
         return self.limit - float(np.sum(self.theta * error))
 
     def cost(self, error: Array, level: float) -> float:

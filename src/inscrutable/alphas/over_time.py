@@ -116,7 +116,8 @@ def least_bits(moves: Moves, theta: Array, limit: float) -> LongRun:
     The iteration ends after 20,000 steps with the best rule so far and its bound. Where their gap is too large, up to 120
     signals a barrier method follows.
 
-    Raises: SolverError: No method converged, and the silence regret is infinite.
+    Raises:
+        SolverError: No method converged, and the silence regret is infinite.
 
     Cost: some hundred to some thousand eigendecompositions of n×n matrices: some seconds for 100 signals. The barrier method
     takes O(n⁶): 2 s for 40 signals.

@@ -119,7 +119,7 @@ class MemoryMechanism(Summarised, Saved):
 
     @property
     def n_memories(self) -> int:
-        """N."""
+        """Number of memories N."""
         return len(self.initial)
 
     @cached_property

@@ -85,7 +85,7 @@ class SocialLearning(Summarised, Saved):
 
     @property
     def n_agents(self) -> int:
-        """N."""
+        """Number of agents N."""
         return len(self.regrets)
 
     @property

@@ -341,6 +341,7 @@ def test_treatments_are_said() -> None:
 
 
 COUNTED = np.arange(80) % 3
+PERCENTS = np.array([f"{k % 4 + 1}%" for k in range(80)])
 
 
 @pytest.mark.parametrize(
@@ -371,11 +372,30 @@ COUNTED = np.arange(80) % 3
         (COUNTED, COUNTED, {"embargo": 20}, "leaves too little to learn from"),
         (COUNTED, COUNTED, {"shifts": 5}, "shifts"),
         (np.zeros((2, 2, 2)), COUNTED, {}, "shape"),
+        (
+            PERCENTS,
+            COUNTED,
+            {},
+            r"secrets column .* such as '1%' in row 0: write \.05 for 5%.* or ask for --kind classes",
+        ),
+        (COUNTED, PERCENTS, {}, r"published column .* such as '1%' in row 0"),
+        (COUNTED, np.array(["$2,500", "$1.5", "(3)", "7"] * 20), {}, "currencies or thousands separators"),
+        (
+            pd.Series(COUNTED, DATES[:80]),
+            pd.Series(range(80), DATES[:80].tz_localize("UTC")),
+            {},
+            r"labels of secrets are of type datetime64\[\w+\], those of published of type datetime64\[\w+, UTC\]",
+        ),
     ],
 )
 def test_bad_tables_are_refused(secrets: Any, published: Any, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         audit_pairs(secrets, published, **options)
+
+
+def test_written_numbers_may_be_classes_if_one_asks_for_that() -> None:
+    found = audit_pairs(PERCENTS, COUNTED, kind="classes", shifts=19)
+    assert found.secrets[0].kind == "classes"
 
 
 def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

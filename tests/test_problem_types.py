@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from scipy.optimize import linprog
+from scipy.optimize import linprog, minimize_scalar
 
 from inscrutable import (
     Budget,
@@ -364,6 +364,18 @@ def test_growth_downstream():
     assert len(random_candidates(problem, 5, rng=rng)) == 5
     assert near_optimal_beliefs(problem, problem.solve(belief), 0.01).contains(belief)
     assert plausibility_gap(problem, problem.solve(belief)) == 0.0
+
+
+def test_growth_without_end_is_refused_and_a_market_without_arbitrage_is_not():
+    returns, chances = np.array([[[1.1, 0.9], [1.0, 1.2]]] * 2), [[0.5, 0.5], [0.3, 0.7]]
+    stakes = Polyhedron(A_ub=-np.eye(2), b_ub=np.zeros(2))
+    with pytest.raises(ModelError, match="wealth in state 0 grows without end over the feasible set: add bounds"):
+        KellyProblem(returns, chances, stakes)
+    short = Polyhedron(A_ub=np.zeros((0, 2)), b_ub=np.zeros(0), A_eq=np.ones((1, 2)), b_eq=np.ones(1))
+    problem = KellyProblem(returns, chances, short)
+    wealth = lambda u: 0.4 * np.log(returns[0, 0] @ [u, 1 - u]) + 0.6 * np.log(returns[0, 1] @ [u, 1 - u])  # noqa: E731
+    best = minimize_scalar(lambda u: -wealth(u), bounds=(-3.0, 3.0), method="bounded", options={"xatol": 1e-10}).x
+    assert problem.solve([0.5, 0.5])[0] == pytest.approx(best, abs=1e-6)
 
 
 def test_growth_names_what_is_wrong():

@@ -40,7 +40,8 @@ class KellyProblem(DecisionProblem):
 
     Raises:
         InputError: Shapes disagree, a return is negative, a row of probabilities does not sum to one.
-        ModelError: The feasible set is empty, or every decision in it loses everything in some outcome.
+        ModelError: The feasible set is empty, every decision in it loses everything in some outcome, or wealth grows without
+            end in it.
 
     Cost: some ten quadratic programmes per belief. Source: Kelly, A New Interpretation of Information Rate (Bell System
     Technical Journal 35, 1956).
@@ -76,6 +77,7 @@ class KellyProblem(DecisionProblem):
         self.constraints = checked_region(region, n_assets, assets)
         self.state_names = states.names
         self._start = self._safest()
+        self._check_bounded()
 
     @property
     def n_states(self) -> int:
@@ -109,6 +111,26 @@ class KellyProblem(DecisionProblem):
                 "loosen the constraints or add an asset that pays there"
             )
         return answer.x[:size]
+
+    def _check_bounded(self) -> None:
+        """Raise `ModelError` if in some state a direction d of the feasible set loses in no outcome and gains in one."""
+        region = self.constraints
+        if all(np.isfinite(side).all() for side in region.coordinate_bounds):
+            return
+        for i, returns in enumerate(self.gross_returns):
+            outcomes = returns[self.probabilities[i] > 0]
+            count, size = outcomes.shape
+            gains = np.column_stack([-outcomes / outcomes.max(), np.eye(count)])
+            rows = np.column_stack([region.A_ub, np.zeros((len(region.b_ub), count))])
+            held = np.column_stack([region.A_eq, np.zeros((len(region.b_eq), count))])
+            answer = minimum(
+                np.append(np.zeros(size), -np.ones(count)),
+                Rows(np.vstack([gains, rows]), np.zeros(count + len(rows))),
+                Rows(held, np.zeros(len(held))),
+                [(None, None)] * size + [(0.0, 1.0)] * count,
+            )
+            if -answer.value > tolerances.FEASIBILITY:
+                raise ModelError(f"wealth in state {i} grows without end over the feasible set: add bounds")
 
     @cached_property
     def largest_wealth(self) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -19,6 +20,9 @@ LEAST_ROWS = 60
 _MOST_CLASSES = 10
 """Whole numbers with at most this many different values count as classes."""
 _MOST_CHOICES = 50
+_MARKS = "%$€£¥,'"
+_WRITTEN = re.compile(r"[(+-]?\s*[$€£¥]?\s*[+-]?\d+([.,' ]\d+)*\s*[%$€£¥]?\)?", re.ASCII)
+"""A number as text, with signs of per cent or currency, separators, or in parentheses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,10 +141,11 @@ def _aligned(
         )
     common = shown.index[shown.index.isin(hidden.index)]
     if not len(common):
-        kinds = {isinstance(each.index, pd.DatetimeIndex) for each in (hidden, shown)}
+        kinds = [str(each.index.dtype) for each in (hidden, shown)]
+        said = f"; the labels of secrets are of type {kinds[0]}, those of published of type {kinds[1]}"
         raise InputError(
             f"no row label of secrets is one of published: {few(map(label_text, hidden.index), 3)} against "
-            f"{few(map(label_text, shown.index), 3)}{'; one of them has dates, the other none' if len(kinds) > 1 else ''}"
+            f"{few(map(label_text, shown.index), 3)}{said if kinds[0] != kinds[1] else ''}"
         )
     if not ordered and not hidden.index[hidden.index.isin(shown.index)].equals(common):
         raise InputError(
@@ -166,6 +171,7 @@ def _decisions(shown: pd.DataFrame, notes: list[str]) -> pd.DataFrame:
             parts.append(_finite(column, "published", name).to_frame())
             continue
         words = _words(column, "published", name)
+        _refuse_written_numbers(words, "published", name)
         choices = sorted(words.dropna().unique())
         if len(choices) > _MOST_CHOICES:
             raise InputError(
@@ -187,6 +193,8 @@ def _target(column: pd.Series, kind: Kind | None, notes: list[str]) -> Target:
     if kind == "numbers" and not numeric:
         raise InputError(f"secrets column {name!r} holds no numbers, such as {column.iloc[0]!r}: its kind is classes")
     values = _finite(column, "secrets", name) if numeric else _words(column, "secrets", name)
+    if not numeric and kind is None:
+        _refuse_written_numbers(values, "secrets", name)
     distinct = np.unique(np.asarray(values))
     if len(distinct) < 2:
         raise InputError(f"secrets column {name!r} is {distinct[0]} in every row: there is nothing to learn")
@@ -222,6 +230,19 @@ def _words(column: pd.Series, table: str, name: Any) -> pd.Series:
             f"{table} column {name!r} has the text {text!r} in row {label_text(label)} among numbers, expected one or the other"
         )
     return column.map(lambda each: each if pd.isna(each) else str(each)).astype(object)
+
+
+def _refuse_written_numbers(words: pd.Series, table: str, name: Any) -> None:
+    """Raise `InputError` for a column of numbers with signs that make them text, such as 5%: as words they lose their order."""
+    texts = words.dropna()
+    if len(texts) and texts.map(lambda text: bool(_WRITTEN.fullmatch(text.strip()))).all():
+        marked = texts[texts.map(lambda text: any(mark in text for mark in _MARKS))]
+        if len(marked):
+            cure = ", or ask for --kind classes (kind='classes')" if table == "secrets" else ""
+            raise InputError(
+                f"{table} column {str(name)!r} has numbers with signs that make them text, such as {marked.iloc[0]!r} in row "
+                f"{label_text(marked.index[0])}: write .05 for 5%, and no currencies or thousands separators{cure}"
+            )
 
 
 def _say_missing(missing: int, edge: int, notes: list[str]) -> None:

@@ -132,6 +132,34 @@ def test_verdict_names_the_best_against_each_observer(means: StudyMeans, page: P
     assert re.search(r"By the error of the aware \(bayesian\) observer, .+ is first in [12] of 2 settings", said)
 
 
+def test_means_that_are_compared_rest_on_the_same_repeats(whole: Study) -> None:
+    """One play has failed in two of four repeats of the first setting, and in all but one it has other figures."""
+    rows = whole.frame()
+    mine = (rows["problem.risk_aversion"] == 2.0) & (rows["decision_maker"] == "uniform") & (rows["budget"] == 0.3)
+    rows.loc[mine & rows["repeat"].isin([1, 3]), "status"] = "failed"
+    paired = means_of(whole.grid, rows, paired=True)
+    assert set(np.unique(paired.count[0])) <= {0, 2}
+    assert (paired.count[1][paired.count[1] > 0] == 4).all()
+    place, others = (
+        paired.place["expected_regret"],
+        rows[(rows["decision_maker"] == "Dirichlet noise") & (rows["budget"] == 0.3)],
+    )
+    others = others[(others["problem.risk_aversion"] == 2.0) & others["repeat"].isin([0, 2])]
+    play = next(k for k, maker in enumerate(paired.makers) if (maker, paired.budgets[k]) == ("Dirichlet noise", 0.3))
+    assert paired.mean[0, play, place] == pytest.approx(others["expected_regret"].mean(), rel=1e-12)
+    rows.loc[(rows["decision_maker"] == "Dirichlet noise") & rows["repeat"].isin([0, 2]), "status"] = "failed"
+    apart = means_of(whole.grid, rows, paired=True)  # no repeat of the first setting has all
+    assert {2, 4} <= set(np.unique(apart.count[0]))
+
+
+def test_the_verdict_says_on_which_repeats_it_rests(tmp_path: Path) -> None:
+    part = run_study(Study.of(PLAN), tmp_path, limit=60)
+    said = " ".join(study_page.study_verdict(part))
+    assert re.search(
+        r"This rests on the [123] of 4 repeats that have all figures|rest on \d to \d different repeats", said
+    )
+
+
 def test_an_unfinished_study_says_so(tmp_path: Path) -> None:
     half = run_study(Study.of(PLAN), tmp_path, limit=9)
     read = Reader(write_page(half, tmp_path / "report.html"))

@@ -112,12 +112,14 @@ class StudyMeans:
         )
 
 
-def means_of(grid: StudyGrid, frame: pd.DataFrame) -> StudyMeans:
+def means_of(grid: StudyGrid, frame: pd.DataFrame, *, paired: bool = False) -> StudyMeans:
     """Return the means of a study's rows; tasks that failed, or have no row yet, are left out.
 
     Args:
         grid: The study's tasks.
         frame: Its rows, as `Study.frame` gives them.
+        paired: Whether to take only the repeats in which all plays with figures have all of them, so that means can be
+            compared. A setting without such a repeat has the means over those that each figure has.
     """
     observers = labels(grid.adversaries, name="name")
     makers = labels([maker for maker, _ in grid.plays], name="name")
@@ -133,6 +135,8 @@ def means_of(grid: StudyGrid, frame: pd.DataFrame) -> StudyMeans:
         found = values[..., grid.study.measures.index(figure.measure)]
         columns.append(found[..., observers.index(figure.observer)] if figure.observer else _any_of(found))
     table = np.stack(columns, axis=-1)
+    if paired:
+        table = _paired(table)
     return StudyMeans(
         _settings(grid),
         tuple(makers),
@@ -156,6 +160,14 @@ def _any_of(found: Array) -> Array:
     for place in range(1, found.shape[-1]):
         first = np.where(np.isnan(first), found[..., place], first)
     return first
+
+
+def _paired(table: Array) -> Array:
+    """Return figures (S,R,P,F) of complete repeats, NaN in others, for every setting that has a complete one."""
+    known = ~np.isnan(table)
+    is_complete = np.asarray((known | ~known.any(axis=1, keepdims=True)).all(axis=(2, 3)))
+    kept = is_complete | ~is_complete.any(axis=1, keepdims=True)
+    return np.where(kept[:, :, None, None], table, np.nan)
 
 
 def _over_repeats(table: Array) -> tuple[np.ndarray, Array, Array, Array]:

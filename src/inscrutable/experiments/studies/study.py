@@ -205,7 +205,7 @@ class Study(Summarised):
         """
         if not isinstance(self.grid, StudyGrid):
             return []
-        found = means_of(self.grid, self.frame())
+        found = means_of(self.grid, self.frame(), paired=True)
         return protection(found, found.first_setting(), found.middle_budget)
 
     def cautions(self) -> list[str]:

@@ -57,7 +57,7 @@ def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) 
     return PageContent(
         title=title or study.plan.name,
         header=f"{capital(header)}.",
-        verdict=_verdict(study, means),
+        verdict=study_verdict(study),
         cautions=_cautions(study, means, len(shown)),
         tables=[_table(study, means, place, number) for number, place in enumerate(shown)],
         sliders=_sliders(means, shown, _WORTH[section.unit]),
@@ -312,7 +312,7 @@ def _headline(means: StudyMeans) -> list[int]:
 
 def study_verdict(study: Study) -> list[str]:
     """Return the page's verdict: which rules hide the belief, at which budget and regret; empty for a study without a page."""
-    return _verdict(study, means_of(*study.gridded())) if isinstance(study.grid, StudyGrid) else []
+    return _verdict(study, means_of(*study.gridded(), paired=True)) if isinstance(study.grid, StudyGrid) else []
 
 
 def _verdict(study: Study, means: StudyMeans) -> list[str]:
@@ -335,9 +335,22 @@ def _verdict(study: Study, means: StudyMeans) -> list[str]:
         *(f"{capital(each)}." for each in others),
         *costs,
         *holds,
+        *_repeats_told(means.count[setting], file_of(study).repeats),
         *study.cautions(),
         *_elsewhere(means, found[places[0]], budget, places[0]),
     ]
+
+
+def _repeats_told(count: np.ndarray, repeats: int) -> list[str]:
+    """Return a sentence on the repeats that a verdict rests on, where these are not all; `count` is that of each figure."""
+    least, most = int(count[count > 0].min()), int(count.max())
+    if least < most:
+        return [
+            f"No repeat has all figures: the means rest on {least} to {most} different repeats and may differ for that alone."
+        ]
+    if most < repeats:
+        return [f"This rests on the {most} of {repeats} repeats that have all figures."]
+    return []
 
 
 def _costs_told(means: StudyMeans, found: Ranking) -> tuple[list[str], list[str]]:

@@ -46,6 +46,7 @@ def candidates(problem):
 BAD_BELIEFS = [
     ([0.5, 0.6], r"sums to 1\.1, expected 1"),
     ([0.5, 0.5 + 1e-6], r"sums to 1\.000001"),
+    (np.float32([0.5, 0.50001]), r"sums to 1\.00001"),
     ([1.2, -0.2], r"-0\.2 at index \[1\]"),
     ([0.5, np.nan], r"nan at index \[1\]"),
     ([np.inf, 0.5], r"inf at index \[0\]"),
@@ -84,6 +85,11 @@ def test_what_is_not_a_belief_is_refused_everywhere(problem, candidates, belief,
     ):
         with pytest.raises(InputError, match=message):
             question()
+
+
+def test_beliefs_in_single_precision_are_those_that_they_round(problem, fresh_rng):
+    exact = fresh_rng.dirichlet(np.ones(2), size=50)
+    np.testing.assert_allclose(problem.solve(exact.astype(np.float32)), problem.solve(exact), atol=1e-5)
 
 
 def test_one_bad_belief_among_many_is_named_by_its_row(problem, candidates):

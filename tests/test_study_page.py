@@ -160,6 +160,23 @@ def test_the_verdict_says_on_which_repeats_it_rests(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("budgets", "said"),
+    [
+        (
+            {"values": [50.0]},
+            "Caution: a budget of 50 of |c*| is more than the optimal cost itself; 50 per cent are written 50%.",
+        ),
+        ({"values": [0.5, 1.5], "unit": "silence"}, "Caution: a budget of 150% of the silence regret is more than"),
+        ({"values": [0.0, 0.3]}, ""),
+    ],
+)
+def test_an_unusual_budget_is_pointed_out(budgets: dict[str, Any], said: str) -> None:
+    found = Study.of(PLAN | {"budgets": budgets}).cautions()
+    assert " ".join(found).startswith(said)
+    assert bool(found) == bool(said)
+
+
 def test_an_unfinished_study_says_so(tmp_path: Path) -> None:
     half = run_study(Study.of(PLAN), tmp_path, limit=9)
     read = Reader(write_page(half, tmp_path / "report.html"))

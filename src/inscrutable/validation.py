@@ -63,7 +63,14 @@ def _place(index: NDArray[np.intp]) -> str:
 
 def stochastic_rows(value: ArrayLike, name: str, *, ndim: int | tuple[int, ...] = 2, axes: Axes | None = None) -> Array:
     """Return `value` with non-negative rows that sum to one, renormalised within the tolerance."""
-    return _on_simplex(finite_array(value, name, ndim=ndim, axes=axes), name, tolerances.TRANSITION_SUM)
+    rows = finite_array(value, name, ndim=ndim, axes=axes)
+    return _on_simplex(rows, name, max(tolerances.TRANSITION_SUM, _sum_rounding(value, rows.shape[-1])))
+
+
+def _sum_rounding(value: ArrayLike, size: int) -> float:
+    """The rounding of a sum of `size` probabilities in the precision in which they are given, such as single precision."""
+    dtype = getattr(value, "dtype", None)
+    return size * float(np.finfo(dtype).eps) if isinstance(dtype, np.dtype) and dtype.kind == "f" else 0.0
 
 
 def beliefs(
@@ -79,7 +86,7 @@ def beliefs(
     if array.shape[-1] != n_states:
         which = f" ({few(names)})" if names else ""
         raise InputError(f"{name} has {array.shape[-1]} entries, expected one per state: {n_states}{which}")
-    return _on_simplex(array, name, tolerances.BELIEF_SUM)
+    return _on_simplex(array, name, max(tolerances.BELIEF_SUM, _sum_rounding(plain, n_states)))
 
 
 def one_belief(value: ArrayLike, n_states: int, name: str = "belief", *, names: Names | None = None) -> Array:

@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from inscrutable.budgets import Budget, SilenceShare, remarks_of
 from inscrutable.datasets.matpower import Convention
 from inscrutable.errors import InputError
 from inscrutable.experiments import makers, observers
@@ -183,6 +184,15 @@ class BudgetSection(Section):
     values: Grid[NonNegative] = (0.1,)
     unit: Literal["relative", "regret", "silence", "cost"] = "relative"
     hold: Literal["each", "mean"] = "each"
+
+    def remarks(self) -> list[str]:
+        """Return cautions about unusual shares; amounts in the cost's unit are not judged, since that is any."""
+        if self.unit not in ("relative", "silence"):
+            return []
+        budgets = [SilenceShare(value) if self.unit == "silence" else Budget.relative(value) for value in self.values]
+        return [
+            each for value, budget in zip(self.values, budgets, strict=True) if value for each in remarks_of(budget)
+        ]
 
 
 class StudyFile(PlanFile):

@@ -209,14 +209,16 @@ class Study(Summarised):
         return protection(found, found.first_setting(), found.middle_budget)
 
     def cautions(self) -> list[str]:
-        """Return cautions on a verdict: user-defined measures are maximised over candidates alone."""
+        """Return cautions on a verdict: unusual budgets; user-defined measures are maximised over candidates alone."""
+        odd = self.plan.budgets.remarks() if isinstance(self.plan, StudyFile) else []
         makers = getattr(self.plan, "decision_makers", ())
         own = {goal for each in makers for goal in getattr(each, "goal", ()) if goal in getattr(each, "own", {})}
         if not own:
-            return []
+            return odd
         return [
+            *odd,
             f"{', '.join(sorted(own))}: CDM and PDM choose among the candidates alone, because no search follows a measure of "
-            "your own; a finer resolution of [candidates] may find more."
+            "your own; a finer resolution of [candidates] may find more.",
         ]
 
     def gridded(self) -> tuple[StudyGrid, pd.DataFrame]:

@@ -48,6 +48,7 @@ from inscrutable.experiments.studies.executors import Chunks
 from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.store import LOCK, STORE, VERSION, Store, locked, speaking
 from inscrutable.experiments.studies.tasks import DONE, FAILED, Row, Work, chunk_of_rows
+from inscrutable.reports.page import write_page
 from sizes import instances
 from study_runs import SMALL, deadly, environment, killed, table
 
@@ -470,6 +471,21 @@ def test_going_on_with_other_versions_is_said(copy: Path, whole: Study, caplog: 
     assert [record.getMessage() for record in caplog.records] == [
         f"inscrutable: {copy} was begun with numpy 1.0 (now {np.__version__}); new rows may differ from what those would give"
     ]
+
+
+def test_all_versions_that_made_rows_are_listed(tmp_path: Path) -> None:
+    begun = run_study(Study.of(SMALL), tmp_path / "study", limit=5)
+    manifest = begun.manifest()
+    manifest["versions"]["numpy"] = "1.0"
+    with closing(sqlite3.connect(tmp_path / "study" / STORE)) as connection:
+        connection.execute("UPDATE facts SET value = ? WHERE name = 'manifest'", (json.dumps(manifest),))
+        connection.commit()
+    for limit in (5, 5, None):
+        resumed = resume_study(tmp_path / "study", limit=limit)
+    assert resumed.manifest()["continued_with"] == [{"numpy": np.__version__}]
+    assert json.loads((tmp_path / "study" / "manifest.json").read_text()) == resumed.manifest()
+    page = write_page(resumed, tmp_path / "report.html").read_text("utf-8")
+    assert f"1.0, later {np.__version__}" in page
 
 
 def test_other_files_in_its_place_are_refused(tmp_path: Path) -> None:

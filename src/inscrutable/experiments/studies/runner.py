@@ -11,6 +11,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -192,16 +193,36 @@ def resume_study(
 
 def _say_what_changed(store: Store) -> None:
     """Warn if other versions continue a study: rows may then differ in more than their order."""
-    with speaking(store.folder):
-        before = json.loads(store.fact("manifest") or "{}").get("versions", {})
-    now = versions()
-    changed = [f"{name} {before[name]} (now {now[name]})" for name in now if before.get(name, now[name]) != now[name]]
+    before, now = _known(store).get("versions", {}), versions()
+    changed = [f"{name} {before[name]} (now {now[name]})" for name in _changed(before, now)]
     if changed:
         _LOGGER.warning(
             "inscrutable: %s was begun with %s; new rows may differ from what those would give",
             store.folder,
             ", ".join(changed),
         )
+
+
+def _known(store: Store) -> dict[str, Any]:
+    """The manifest in a store."""
+    with speaking(store.folder):
+        found: dict[str, Any] = json.loads(store.fact("manifest") or "{}")
+    return found
+
+
+def _changed(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
+    """The names whose versions are others now."""
+    return [name for name in now if before.get(name, now[name]) != now[name]]
+
+
+def _keep_versions(store: Store) -> None:
+    """Add to the manifest in a store the versions that differ from those it was begun with."""
+    known, now = _known(store), versions()
+    later = {name: now[name] for name in _changed(known.get("versions", {}), now)}
+    if later and later not in known.get("continued_with", []):
+        known["continued_with"] = [*known.get("continued_with", []), later]
+        store.keep_fact("manifest", json.dumps(known))
+        write_json(known, store.folder / MANIFEST)
 
 
 def executor(jobs: int, cluster: str | None) -> Executor:
@@ -255,6 +276,8 @@ def continued(store: Store, execute: Executor, progress: Watch | None, *, limit:
     missing = _missing(store, study.n_tasks, without_failed=retry)
     if limit is not None and validation.count(limit, "limit") < len(missing):
         missing = missing[np.linspace(0, len(missing) - 1, limit).round().astype(np.intp)]
+    if len(missing):
+        _keep_versions(store)
     keep = _Keeper(store, study.n_tasks, len(missing), progress, _failed_left(store, retry=retry))
     keep.said()
     execute(work, (int(number) for number in missing), keep)

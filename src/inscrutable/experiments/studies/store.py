@@ -51,6 +51,11 @@ class Store:
             found = self._connection.execute("SELECT value FROM facts WHERE name = ?", (name,)).fetchone()
         return None if found is None else str(found[0])
 
+    def keep_fact(self, name: str, value: str) -> None:
+        """Write a fact; a former one of that name is replaced."""
+        with speaking(self.folder), self._transaction():
+            self._connection.execute("INSERT OR REPLACE INTO facts VALUES (?, ?)", (name, value))
+
     def add(self, rows: Iterable[Row]) -> None:
         """Write rows in one transaction: all of them or none. A task's former row is replaced."""
         with speaking(self.folder), self._transaction():

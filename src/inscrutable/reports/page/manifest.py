@@ -26,7 +26,11 @@ def hash_of(frame: pd.DataFrame) -> str:
 def manifest_of(study: Study) -> dict[str, str]:
     """Return a study's manifest from its store: versions, seed, data, and every key of its file."""
     known = study.manifest()
-    found = versions_told(known.get("versions", {}))
+    used = {name: [str(number)] for name, number in known.get("versions", {}).items()}
+    for later in known.get("continued_with", []):
+        for name, number in later.items():
+            used[name].append(str(number))
+    found = versions_told({name: ", later ".join(numbers) for name, numbers in used.items()})
     found["seed"] = str(study.plan.seed)
     if known.get("data_sha256"):
         found["data, SHA-256"] = str(known["data_sha256"])

@@ -54,6 +54,8 @@ BAD_BELIEFS = [
     ([1.0], "1 entries, expected one per state: 2"),
     (0.5, r"shape \(\)"),
     (["a", "b"], "must be numbers"),
+    (np.array([0.8 + 7j, 0.2 - 7j]), "must be real numbers, got complex ones"),
+    (np.ma.array([0.8, 0.2], mask=[False, True]), r"nan at index \[1\]"),
     (None, "dimensional"),
     ([], "0 entries, expected one per state: 2"),
 ]
@@ -227,6 +229,7 @@ def test_a_flat_direction_without_end_is_either_solved_or_a_model_error():
     ("arguments", "message"),
     [
         ({"measure": "maximal"}, "measure must be a privacy measure"),
+        ({"budget": True}, "budget must be a number, got True"),
         ({"budget": -0.1}, "budget must be at least 0, got -0.1"),
         ({"budget": np.nan}, "budget"),
         ({"budget": "a lot"}, "budget 'a lot': expected a share"),

@@ -20,8 +20,15 @@ Axes = Sequence[Axis | None]
 
 
 def real_array(value: Any, name: str, axes: Axes | None = None) -> Array:
-    """Return `value` as a float array of its own, labelled axes in the order that `axes` say (see `axes.ordered`)."""
+    """Return `value` as a float array of its own, labelled axes in the order that `axes` say (see `axes.ordered`).
+
+    Masked entries become NaN.
+    """
     plain = value if type(value) is np.ndarray else ordered(value, name, axes)
+    if isinstance(plain, np.ndarray) and np.iscomplexobj(plain):
+        raise InputError(f"{name} must be real numbers, got complex ones")
+    if isinstance(plain, np.ma.MaskedArray):
+        plain = np.ma.filled(plain.astype(np.float64), np.nan)
     try:
         return np.array(plain, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
@@ -180,6 +187,8 @@ def non_negative(value: Any, name: str) -> float:
 
 def number_of(value: Any, name: str) -> float:
     """Return `value` as a finite float."""
+    if isinstance(value, (bool, np.bool_)):
+        raise InputError(f"{name} must be a number, got {value!r}")
     try:
         number = float(value)
     except (TypeError, ValueError):

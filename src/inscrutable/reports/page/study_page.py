@@ -80,7 +80,7 @@ def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) 
 _NOTES = (
     "Figures are means over the repeats; ± is half of a 95 % interval (Student's t over the repeats), none for a single one. "
     "With few repeats it is wide, and where repeats share a market two decision makers can differ more clearly than their "
-    "intervals say.",
+    "intervals say. The verdict uses the repeats in which all decision makers have all figures, where there are any.",
     "Decision makers rank at equal expected regret. At one budget some may spend more than others. All are then compared at "
     "the least regret that one of them spends: the figure of one that spends more is interpolated between its own and that of "
     "a smaller budget, or of the optimal decision, and is told with “about”. Decision makers without a budget are compared at "

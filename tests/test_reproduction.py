@@ -81,6 +81,19 @@ def folder(small: Reproduction, tmp_path_factory: pytest.TempPathFactory) -> Pat
     return place
 
 
+def test_pictures_are_written_relative_to_the_present_folder(
+    small: Reproduction, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Processes that drew before began in another one."""
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        monkeypatch.chdir(tmp_path / name)
+        with painting([]):
+            written = write_reproduction(small, "results", jobs=2)
+        assert Path("results", "convergence.png") in written
+        assert all((tmp_path / name / path).exists() for path in written)
+
+
 def test_everything_is_written_whole(small: Reproduction, folder: Path, tmp_path: Path) -> None:
     with nothing_painted():
         write_reproduction(small, tmp_path, jobs=1)

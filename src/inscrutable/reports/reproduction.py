@@ -56,10 +56,11 @@ def write_reproduction(result: Reproduction, folder: str | os.PathLike[str], *, 
     from joblib import delayed
 
     place = output_folder(folder)
-    tasks = [delayed(draw_variant)(result, variant, place) for variant in result.episodes]
+    apart = place.absolute()  # processes of earlier work may have another working folder
+    tasks = [delayed(draw_variant)(result, variant, apart) for variant in result.episodes]
     with renewed_quietly():  # these processes computed the markets and use more memory
-        drawn = processes(jobs)([*tasks, delayed(draw_convergence)(result, place)])
-    written = [path for paths in drawn for path in paths]
+        drawn = processes(jobs)([*tasks, delayed(draw_convergence)(result, apart)])
+    written = [place / path.name for paths in drawn for path in paths]
     write_table(claims_frame(result), place / "claims.csv")
     write_json(summary_of(result), place / "summary.json")
     return [*written, place / "claims.csv", place / "summary.json"]

@@ -7,6 +7,7 @@ from inscrutable import (
     ConvexProblem,
     CounterAdversarialDecisionMaker,
     DecisionProblem,
+    DecisionStatus,
     DesiredObfuscation,
     FiniteProblem,
     GlobalSearch,
@@ -138,6 +139,19 @@ def formers(problem, rng):
     outside = np.zeros(size)
     outside[1] = 1.0
     return {"all": 0.7 * few + 0.3 / size, "few": few, "little": little / little.sum(), "outside": outside}
+
+
+def test_without_an_admissible_candidate_the_optimal_decision_is_kept():
+    """Trades of half a basis point are below `min_slack`."""
+    rng = np.random.default_rng(30)
+    plain = market(rng, 2, 5, cap=0.6)
+    former, rates = formers(plain, rng)["little"], rng.uniform(0.0, 0.01, 5) * (rng.uniform(size=5) > 0.2)
+    problem = with_transaction_costs(plain, former, linear=rates + 0.001)
+    belief, maker = rng.dirichlet(np.ones(2)), CounterAdversarialDecisionMaker(problem)
+    assert not maker.candidates.usable.any()
+    found = maker.decide(belief)
+    assert found.status is DecisionStatus.NO_AFFORDABLE_PRIVACY
+    np.testing.assert_array_equal(found.action, problem.solve(belief))
 
 
 @pytest.mark.parametrize(("kind", "n_states"), some([("all", 3), ("few", 4), ("little", 3), ("outside", 2)], 3))

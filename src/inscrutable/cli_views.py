@@ -63,8 +63,9 @@ def views(
         cap: Largest weight.
         regret: Largest regret of the weights, such as 5bp or 0.0005 per period.
         digits: Decimals that the weights were rounded to.
-        reference: State expected returns minus that of this asset, of the "portfolio", or of the "mean" asset. Needed where
-            weights must sum to one, because a constant added to all expected returns then changes nothing.
+        reference: State expected returns minus that of this asset, of the "portfolio" with its weights as given, or of the
+            "mean" asset. Needed where weights must sum to one, because a constant added to all expected returns then changes
+            nothing.
         out: Folder for views.csv, summary.json and the figure; without it the results are only printed.
     """
     if (covariance is None) == (returns is None):
@@ -91,7 +92,8 @@ def views(
         speech.summary(views_summary(read))
         return
     last, found = list(read.items())[-1]
-    said = "" if reference is None else f", less that of {reference}"
+    whom = "the rounded portfolio" if digits is not None and reference == "portfolio" else reference
+    said = "" if reference is None else f", less that of {whom}"
     frame = views_frame({last: found}).set_index("asset").iloc[:_LONGEST_TABLE]
     show_table(frame.map(lambda value: f"{value:.5g}"), f"Expected return a period that {label_text(last)} says{said}")
     speech.sentence(f"{label_text(last)}: {found.status.value}.")

@@ -184,8 +184,8 @@ def implied_views(
         digits: Digits after the point that the weights were rounded to, at least 0; None: they are exact. Bounds are then an
             outer interval; `contains` stays exact.
         reference: What is subtracted from the assets' expected returns in bounds: an asset's name or number, "portfolio" (the
-            weights, scaled to sum to one) or "mean" (all assets equally). None: nothing; with a budget row the bounds are then
-            infinite, because a common shift of all expected returns changes no decision.
+            weights as given, scaled to sum to one) or "mean" (all assets equally). None: nothing; with a budget row the bounds
+            are then infinite, because a common shift of all expected returns changes no decision.
 
     Returns:
         `ImpliedViews`. A constraint is active where the weights meet it exactly.

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pytest
 
 from inscrutable.experiments.comparison import ComparisonSettings
 from inscrutable.experiments.comparison_study import compared, comparison_study
@@ -37,8 +36,8 @@ def test_a_comparison_has_the_figures_it_had() -> None:
     of least rate is another one within its gap of 1e-3 bits, and what it leaks in ten draws moves by up to 2.2 %. Of the
     Stackelberg rules of largest error another is found since, which leaves more at equal spending. Where an estimate ties,
     the chance of naming is shared among the tied states since; the first release took the first of them. After ten decisions
-    by the coin fewer than three draws leave an error at all, and its stated standard error is larger since. Of equally private
-    candidates the cheapest is taken, also where rounding tells them apart."""
+    by the coin fewer than three draws leave an error at all, and its stated standard error is larger since. The CDM
+    among candidates alone has its present figures: at the same privacies it spends 1.5 % less since."""
     settings = ComparisonSettings(budgets=(0.5,), repeats=(1, 10), draws=100)
     study = comparison_study(settings, market="paper", resolution=6, seed=0)
     found, _ = compared(study, None, say=lambda text: None, progress=lambda done, total: None)
@@ -49,10 +48,7 @@ def test_a_comparison_has_the_figures_it_had() -> None:
     rare = "coin", "bayes_error_after_10_se"
     assert float(frame.loc[rare]) > float(wanted.loc[rare])
     frame.loc[rare] = wanted.loc[rare]
-    alone = "CDM, candidates only"
-    assert float(frame.loc[alone, "expected_regret"]) <= float(wanted.loc[alone, "expected_regret"])
-    assert float(frame.loc[alone, "naive_privacy"]) == pytest.approx(float(wanted.loc[alone, "naive_privacy"]))
-    moved = ["PDM", "rate-distortion", "sequential", "Stackelberg", alone]
+    moved = ["PDM", "rate-distortion", "sequential", "Stackelberg"]
     assert_same(frame.drop(moved), wanted.drop(moved), rtol=1e-3, atol=1e-9)
     assert_same(frame.loc[["PDM"]], wanted.loc[["PDM"]], rtol=2e-3, atol=1e-9)
     simulated = ["path_bits", *(name for name in wanted if "after_10" in name)]

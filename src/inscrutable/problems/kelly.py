@@ -77,7 +77,8 @@ class KellyProblem(DecisionProblem):
         self.constraints = checked_region(region, n_assets, assets)
         self.state_names = states.names
         self._start = self._safest()
-        self._check_bounded()
+        if constraints is not None:  # a simplex is bounded
+            self._check_bounded()
 
     @property
     def n_states(self) -> int:

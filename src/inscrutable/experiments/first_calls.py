@@ -14,32 +14,17 @@ from inscrutable import validation
 from inscrutable.decision_makers import (
     CounterAdversarialDecisionMaker,
     GlobalSearch,
-    LocalSearch,
     PriceCalibration,
-    ProbabilisticDecisionMaker,
     SequentialDecisionMaker,
-    privacy_frontier,
-    random_candidates,
 )
 from inscrutable.filtering import filter_beliefs
 from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.chains import resting_chain
-from inscrutable.privacy import (
-    DesiredObfuscation,
-    Infeasibility,
-    MaximalObfuscation,
-    NonExistence,
-    NonUniqueness,
-    PrivacyMeasure,
-    RivalProblem,
-    SquaredError,
-)
+from inscrutable.privacy import RivalProblem, SquaredError
 from inscrutable.problems import FiniteProblem, MarkowitzProblem
-from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel, fit_gaussian_hmm
 
 _STATES, _ASSETS = 4, 3
-_BELIEFS = 32
 _GAP = 0.05
 _STAYS, _BUDGET = 0.8, 0.1
 _NOTICE = "inscrutable.kernels"
@@ -61,8 +46,7 @@ def compile_kernels(*, n_jobs: int = -1, progress: Callable[[int, int], None] = 
     from inscrutable.kernels.hidden_markov import filter_pass
 
     validation.processes(n_jobs, "jobs")
-    # In parallel, kernels that both need are compiled early by the first and late by the second, and so only once. The
-    # exception is a large part of a search, with which the second begins: this saves some ten seconds in all.
+    # In parallel, the first compiles the search and meanwhile the second all else, so that each takes one half of the time.
     calls = [delayed(_quietly)(part) for part in (_decisions, _others)]
     progress(0, len(calls))
     for done, _ in enumerate(Parallel(n_jobs=n_jobs, return_as="generator_unordered")(calls), 1):
@@ -82,14 +66,13 @@ def _quietly(calls: Callable[[], None]) -> None:
 
 
 def _others() -> None:
-    from inscrutable.kernels.climb import climb
-    from inscrutable.kernels.deferred import compiled_at_once
+    from inscrutable.kernels.deferred import compiled_at_once, put_off
     from inscrutable.kernels.region_search import search_regions
 
-    cast(Any, search_regions).compile_callee(climb)
-    problem, beliefs = _market(np.random.default_rng(0))
-    CounterAdversarialDecisionMaker(problem).decide(beliefs[0])
     with compiled_at_once():
+        with put_off(search_regions):
+            _decide()
+            _decide(certify=_GAP)
         _worlds()
 
 
@@ -109,35 +92,19 @@ def _worlds() -> None:
         )
 
 
-def _market(rng: np.random.Generator) -> tuple[MarkowitzProblem, Array]:
+def _decide(certify: float | None = None) -> None:
+    rng = np.random.default_rng(0)
     factors = rng.normal(size=(_STATES, _ASSETS, _ASSETS))
     covariances = 0.01 * (factors @ factors.swapaxes(1, 2) + np.eye(_ASSETS))
     problem = MarkowitzProblem(0.02 * rng.normal(size=(_STATES, _ASSETS)), covariances, 5.0)
-    return problem, rng.dirichlet(np.ones(_STATES), _BELIEFS)
+    CounterAdversarialDecisionMaker(problem, method=GlobalSearch(certify=certify)).decide(
+        rng.dirichlet(np.ones(_STATES))
+    )
 
 
 def _decisions() -> None:
-    from inscrutable.kernels.deferred import compiled_at_once
+    from inscrutable.kernels.deferred import compiled_at_once, put_off
+    from inscrutable.kernels.set_distance import is_explained_once
 
-    with compiled_at_once():
+    with compiled_at_once(), put_off(is_explained_once):
         _decide()
-
-
-def _decide() -> None:
-    rng = np.random.default_rng(0)
-    problem, beliefs = _market(rng)
-    single = CounterAdversarialDecisionMaker(problem)
-    for measure in _measures(beliefs[1]):
-        CounterAdversarialDecisionMaker(problem, measure).decide(beliefs[0])
-        CounterAdversarialDecisionMaker(problem, measure, candidates=single.candidates).decide_many(beliefs)
-        ProbabilisticDecisionMaker(problem, measure, candidates=single.candidates).decide_many(beliefs)
-    for some in (single.candidates, random_candidates(problem, _BELIEFS, rng=rng)):
-        for distance in (None, DesiredObfuscation(beliefs[1])):
-            privacy_frontier(problem, beliefs[0], distance, candidates=some)
-    CounterAdversarialDecisionMaker(problem, method=LocalSearch()).decide(beliefs[0])
-    CounterAdversarialDecisionMaker(problem, method=GlobalSearch(certify=_GAP)).decide(beliefs[0])
-    ProbabilisticDecisionMaker(problem, certify=_GAP).decide(beliefs[0])
-
-
-def _measures(desired: Array) -> tuple[PrivacyMeasure, ...]:
-    return MaximalObfuscation(), DesiredObfuscation(desired), NonExistence(), NonUniqueness(), Infeasibility()

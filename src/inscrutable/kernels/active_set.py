@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from inscrutable.kernels.lanes import LANES, blank, entry, inverse, load, magnitude, some, spread, store, where
-from inscrutable.kernels.options import inlined, internal, kernel
+from inscrutable.kernels.options import internal, kernel, uncounted
 
 _ROUNDS = 60  # block exchanges before a belief is left to another method; three to six are usual
 _PATIENCE = 3.0  # exchanges in a row that may fail to lower the number of violations
@@ -77,7 +77,7 @@ def _back(matrix: Any, n: int, row: int) -> None:
             store(matrix, row + k, load(matrix, row + k) - load(matrix, i * n + k) * x)
 
 
-@inlined
+@uncounted
 def _guess(region: Any, state: Any, u: Any, free: Any, held: Any) -> Any:
     """Put u at its bounds, and at zero where free; list what is free in some lane and what is held in some."""
     lower, upper = region[0], region[1]
@@ -96,7 +96,7 @@ def _guess(region: Any, state: Any, u: Any, free: Any, held: Any) -> Any:
     return n, n_held
 
 
-@inlined
+@uncounted
 def _assemble(belief: Any, hessians: Any, rows: Any, state: Any, free: Any, n: int, n_equal: int, out: Any) -> None:
     """H_FF over A_F, and H_FF once more; a coordinate not free in a lane has a row of the unit matrix and of zeros there."""
     (matrix, curved), size, n_states = out, state.shape[0], belief.shape[0]
@@ -197,7 +197,7 @@ def _residual_of_free(region: Any, state: Any, n: int, curved: Any, base: Any, r
     store(lanes, _SCALE, largest)
 
 
-@inlined
+@uncounted
 def _improve(region: Any, state: Any, factors: Any, n: int, again: int, pivot: float, room: Any) -> None:
     """One Newton step of u and ν on the guessed free coordinates: from u_F = 0 to its minimiser, then again for the rounding.
 
@@ -235,7 +235,7 @@ def _improve(region: Any, state: Any, factors: Any, n: int, again: int, pivot: f
         store(u, free[a], load(u, free[a]) + load(matrix, last + a))
 
 
-@inlined
+@uncounted
 def _exchange(region: Any, state: Any, near: float, room: Any) -> bool:
     """Change the side of coordinates beyond a bound by more than `near` or with a multiplier of the wrong sign; any left?"""
     u, reduced, _, moved, _, _, lanes, _, _, _ = room
@@ -268,7 +268,7 @@ def _exchange(region: Any, state: Any, near: float, room: Any) -> bool:
     return True
 
 
-@inlined
+@uncounted
 def _put_inside(region: Any, state: Any, near: float, n: int, curved: Any, base: Any, room: Any) -> Any:
     """Put u inside its bounds, exactly on those it is near; sound where H u + g = A'ν on F and A u = b still hold."""
     u, reduced, _, _, _, _, lanes, _, free, _ = room
@@ -295,7 +295,7 @@ def _put_inside(region: Any, state: Any, near: float, n: int, curved: Any, base:
     store(lanes, _SOUND, good)
 
 
-@inlined
+@internal
 def _solve_group(belief: Any, costs: Any, region: Any, limits: Any, state: Any, factors: Any, room: Any) -> Any:
     """Exchange until no lane has a violation; leaves the minimisers in `room`, valid where `_SOUND` holds."""
     pivot, near = limits
@@ -333,7 +333,7 @@ def _solve_group(belief: Any, costs: Any, region: Any, limits: Any, state: Any, 
     return matrix, small, curved, base
 
 
-@inlined
+@uncounted
 def _sides_of(start: Any, region: Any, state: Any) -> None:
     """−1, 0, +1 for each coordinate of a decision at its lower bound, between, at its upper bound, in every lane."""
     for j in range(start.size):

@@ -28,7 +28,7 @@ from inscrutable.kernels.faces import (
     row_value,
     solve_kkt,
 )
-from inscrutable.kernels.options import inlined, integer, internal, uncounted
+from inscrutable.kernels.options import integer, internal, uncounted
 from inscrutable.kernels.projection import NO_EQUALITIES, at_unit_length, project_in, room_for
 from inscrutable.kernels.references import by_reference, release
 from inscrutable.kernels.rounding import NO_DISTANCE, TINY
@@ -85,7 +85,7 @@ class _Lines(NamedTuple):
     live: Any  # (m,) rows that have come near
 
 
-@inlined
+@uncounted
 def _loss(aim: Any, y: Any, regret: float) -> float:
     total = 0.0
     for i in range(y.size):
@@ -95,7 +95,7 @@ def _loss(aim: Any, y: Any, regret: float) -> float:
     return float(-aim.sign * np.sqrt(total) + aim.price * regret)
 
 
-@inlined
+@uncounted
 def _shortfall(rows: Any, y: Any, w: Any, over: float, live: Any) -> float:
     """The largest violation of any row, and of the budget relative to itself; rows that come near are marked live."""
     worst = max(over, 0.0)
@@ -107,7 +107,7 @@ def _shortfall(rows: Any, y: Any, w: Any, over: float, live: Any) -> float:
     return worst
 
 
-@inlined
+@uncounted
 def _write_row(slope: Any, value: float, basis: Any, lines: Any, r: int) -> None:
     """Row r of the step's programme, value + slope·δ ≥ 0 in the reduced coordinates, at unit length."""
     for c in range(basis.shape[1]):
@@ -135,7 +135,7 @@ def _linearise(rows: Any, y: Any, w: Any, place: Any, left: float, basis: Any, l
         _write_row(slope, left, basis, lines, m)
 
 
-@inlined
+@uncounted
 def largest_in(matrix: Any, n: int) -> float:
     """The largest entry of the leading n×n block, in absolute value."""
     size = 0.0
@@ -154,7 +154,7 @@ class Shift(NamedTuple):
     growth: float  # of τ, from one trial to the next
 
 
-@inlined
+@uncounted
 def _factor_shifted(hessian: Any, shift: Any, factor: Any) -> None:
     """Fill the Cholesky factor of W with the first shift τ that makes it positive definite."""
     n, tau = factor.shape[0], 0.0
@@ -237,7 +237,7 @@ def quadratic_step(hessian: Any, slope: Any, shift: Any, below: Any, step: Any, 
     return True
 
 
-@inlined
+@uncounted
 def _curvature(curves: Any, rows: Any, aim: Any, y: Any, place: Any, weights: Any, out: Any) -> None:
     """Hessian in y of the loss minus Σ weight_r f_r, plus the budget's weight, the last one, times ρ.
 
@@ -334,7 +334,7 @@ def _restore(face: Any, aim: Any, basis: Any, turns: int, y: Any, w: Any, place:
     return False, regret
 
 
-@inlined
+@uncounted
 def _move(basis: Any, origin: Any, step: Any, share: float, out: Any) -> None:
     """out = origin + share·basis step."""
     for i in range(origin.size):
@@ -344,7 +344,7 @@ def _move(basis: Any, origin: Any, step: Any, share: float, out: Any) -> None:
         out[i] = total
 
 
-@inlined
+@uncounted
 def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
     """The budget's multiplier if its slope were along y − p: a first guess.
 
@@ -357,7 +357,7 @@ def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
     return length / lean if aim.sign > 0.0 and lean > 0.0 else 0.0
 
 
-@inlined
+@internal
 def _place_for(n_states: int, k: int) -> _Place:
     """Memory for a decoy's decision with k free coordinates."""
     return _Place(np.empty((k, k)), np.empty((n_states, k)), np.empty((n_states, k)), np.empty(n_states))

@@ -36,6 +36,17 @@ def compiled_at_once() -> Iterator[None]:
         _patience[0] = before
 
 
+@contextmanager
+def put_off(kernel: Any) -> Iterator[None]:
+    """Inside, a deferred kernel is interpreted, however long that takes: another process compiles it meanwhile."""
+    before, kernel._spent = kernel._spent, -np.inf
+    try:
+        yield
+    finally:
+        kernel._spent = before
+        kernel._missing.clear()
+
+
 def deferred(compile_it: Callable[[Function], Function]) -> Callable[[Function], Function]:
     """Defer what a decorator compiles. For kernels that only Python calls, in short calls: none is interrupted."""
 
@@ -61,18 +72,6 @@ class _Deferred:
     def signatures(self) -> list[Any]:
         """What the kernel is compiled for."""
         return list(self._compiled.signatures)
-
-    def compile_callee(self, callee: Any) -> None:
-        """Compile a kernel that this one calls, with the types that the interpreter gives it; another process may compile
-        this one meanwhile."""
-
-        def compiled_too(*arguments: Any) -> Any:
-            callee.compile(tuple(map(callee.typeof_pyval, arguments)))
-            return interpreted(*arguments)
-
-        interpreted = _interpreted(callee, {})
-        self._interpreted = _interpreted(self._compiled, {callee: compiled_too})
-        self._spent = -np.inf
 
     def __call__(self, *arguments: Any) -> Any:
         """Run the kernel."""

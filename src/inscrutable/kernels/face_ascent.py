@@ -31,7 +31,7 @@ from inscrutable.kernels.climb import (
 )
 from inscrutable.kernels.copies import put
 from inscrutable.kernels.faces import cholesky, row_value, solve_factored
-from inscrutable.kernels.options import inlined, integer, internal
+from inscrutable.kernels.options import integer, internal, uncounted
 from inscrutable.kernels.projection import at_unit_length, project
 from inscrutable.kernels.references import by_reference, release
 from inscrutable.kernels.rounding import FLAT, NO_DISTANCE
@@ -58,7 +58,7 @@ states take 10 to 19 % less time; with 1, eight lose, up to 13 %."""
 _EASE = 0.01  # unit of the member's coordinates: it follows a decision almost for free
 
 
-@inlined
+@internal
 def set_distance_model(
     rows: Any, point: Any, basis: Any, w: Any, z: Any, active: Any, slope: Any, hessian: Any
 ) -> None:
@@ -160,7 +160,7 @@ def _write_rows(rows: Any, basis: Any, place: Any, cost_slope: Any, left: float,
         sides[r], lengths[r] = at_unit_length(units[r], value)
 
 
-@inlined
+@internal
 def _pull(curves: Any, rows: Any, aim: Any, basis: Any, turns: int, place: Any, lines: Any) -> bool:
     """Move (v, z) onto the rows and the budget by Newton steps; False where that fails."""
     (w, z), (units, sides, _) = place, lines
@@ -233,7 +233,7 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, place: Any, active: Any
     return float(weight)
 
 
-@inlined
+@uncounted
 def _bend_rows(rows: Any, basis: Any, top: float, weights: Any, lines: Any, hessian: Any) -> None:
     """Add the curvature −Σ weight ∂²F/∂v∂s of the rows, and a large one across the active rows."""
     (units, lengths), (n_states, n) = lines, basis.shape
@@ -259,7 +259,7 @@ def _bend_rows(rows: Any, basis: Any, top: float, weights: Any, lines: Any, hess
                 hessian[a, b] += across * units[r, a] * units[r, b]
 
 
-@inlined
+@internal
 def _next_step(
     curves: Any, rows: Any, aim: Any, basis: Any, place: Any, known: Any, lines: Any, model: Any
 ) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from inscrutable.kernels.climb import MET, HalfSpaces, Shift, quadratic_step, st
 from inscrutable.kernels.copies import put, put_shifted
 from inscrutable.kernels.face_ascent import cost_model
 from inscrutable.kernels.faces import cholesky
-from inscrutable.kernels.options import inlined, internal, uncounted
+from inscrutable.kernels.options import internal, uncounted
 from inscrutable.kernels.projection import NO_EQUALITIES, at_unit_length
 from inscrutable.kernels.references import by_reference, release
 from inscrutable.kernels.rounding import FLAT
@@ -48,7 +48,7 @@ def move_to_cheapest(face: Any, aim: Any, w: Any) -> None:
     release(room)
 
 
-@inlined
+@uncounted
 def _interval(face: Any, w: Any, direction: Any, linear: float, quadratic: float, excess: float) -> tuple[float, float]:
     """The steps t along `direction` (k,) that all slacks and the budget allow; empty where the first exceeds the second.
 
@@ -92,7 +92,7 @@ def decision_value(face: Any, aim: Any, basis: Any, trial: Any, nearest: Any, ro
     return float(value)
 
 
-@inlined
+@uncounted
 def _end_value(face: Any, aim: Any, basis: Any, line: Any, end: float, work: Any) -> tuple[float, float]:
     """The best of a few steps toward the end of a line (w, direction), and its value."""
     w, direction = line
@@ -107,7 +107,7 @@ def _end_value(face: Any, aim: Any, basis: Any, line: Any, end: float, work: Any
     return step, top
 
 
-@inlined
+@internal
 def look_around(face: Any, aim: Any, basis: Any, w: Any, best: float, found: Any, room: Any) -> int:
     """Fill the best decisions (n, k+1) on lines through w, at most one a side; returns how many there are.
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import inlined, uncounted, uncounted_kernel
+from inscrutable.kernels.options import uncounted, uncounted_kernel
 from inscrutable.tolerances import STATIONARITY
 
 
@@ -102,7 +102,7 @@ def place_on_face(origin: Any, span: Any, bounds: Any, w: Any, out: Any) -> None
         out[j] = total
 
 
-@inlined
+@uncounted
 def cost_under(curves: Any, belief: Any, w: Any, gradients: Any) -> float:
     """Σ π_i ½ w'C_i w, from the gradients."""
     k = w.size - 1
@@ -115,7 +115,7 @@ def cost_under(curves: Any, belief: Any, w: Any, gradients: Any) -> float:
     return total
 
 
-@inlined
+@uncounted
 def regret_slope(belief: Any, gradients: Any, slopes: Any, out: Any) -> None:
     """∂ρ/∂y = −T (G'π)."""
     n_states, k = gradients.shape
@@ -129,7 +129,7 @@ def regret_slope(belief: Any, gradients: Any, slopes: Any, out: Any) -> None:
             out[i] -= total * slopes[i, a]
 
 
-@inlined
+@uncounted
 def add_symmetric(slopes: Any, other: Any, weight: float, out: Any) -> None:
     """out += weight (T D' + D T')."""
     n_states, k = slopes.shape
@@ -143,7 +143,7 @@ def add_symmetric(slopes: Any, other: Any, weight: float, out: Any) -> None:
                 out[j, i] += weight * total
 
 
-@inlined
+@uncounted
 def add_regret_curvature(
     curves: Any, belief: Any, y: Any, gradients: Any, slopes: Any, weight: float, scratch: Any, out: Any
 ) -> None:
@@ -171,7 +171,7 @@ def add_regret_curvature(
     add_symmetric(slopes, scratch[:n_states], weight, out)
 
 
-@inlined
+@uncounted
 def row_value(row: Any, y: Any, w: Any) -> float:
     """Σ y_i R_i·w for a row (X, k+1)."""
     total = 0.0
@@ -183,7 +183,7 @@ def row_value(row: Any, y: Any, w: Any) -> float:
     return total
 
 
-@inlined
+@uncounted
 def row_slope(row: Any, y: Any, w: Any, slopes: Any, out: Any) -> None:
     """R_i·w − b·T_i for every state i."""
     n_states, k = slopes.shape
@@ -201,7 +201,7 @@ def row_slope(row: Any, y: Any, w: Any, slopes: Any, out: Any) -> None:
                 out[i] -= b * slopes[i, a]
 
 
-@inlined
+@uncounted
 def add_row_curvature(
     curves: Any, row: Any, y: Any, factor: Any, slopes: Any, weight: float, scratch: Any, out: Any
 ) -> None:

@@ -8,49 +8,54 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 
+from inscrutable.kernels.linking import LinkedCompiler
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _njit: Any = numba.njit
-_options = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _ANY_ORDER = ("reassoc", "contract", "nnan", "nsz")
-_counting = {**_options, "_nrt": True}  # explicit, or else it is inherited from the first caller
+_numbers = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_called = {**_numbers, "cache": True}
+_linked = {**_numbers, "no_cpython_wrapper": True, "pipeline_class": LinkedCompiler}
 
 
 def kernel(function: Function) -> Function:
     """Compile a function that Python calls."""
-    return cast(Function, _njit(**_counting)(function))
+    return cast(
+        Function, _njit(**_called, _nrt=True)(function)
+    )  # explicit, or else it is inherited from the first caller
+
+
+def uncounted_kernel(function: Function) -> Function:
+    """Compile a function that Python calls and that allocates nothing, without counting references to its arrays."""
+    return cast(Function, _njit(**_called, _nrt=False)(function))
 
 
 def internal(function: Function) -> Function:
-    """Compile a function that only kernels call: without the code that takes Python objects apart, which is slow to
-    compile."""
-    return cast(Function, _njit(**_counting, no_cpython_wrapper=True)(function))
+    """Compile a function that only kernels call."""
+    return cast(Function, _njit(**_linked, _nrt=True)(function))
 
 
 def fused(function: Function) -> Function:
     """Compile as `internal` does, with a product and a sum rounded at once: last digits differ between machines."""
-    return cast(Function, _njit(**_counting, no_cpython_wrapper=True, fastmath={"contract"})(function))
+    return cast(Function, _njit(**_linked, _nrt=True, fastmath={"contract"})(function))
 
 
 def summed(function: Function) -> Function:
     """Compile as `fused` does, with sums in any order, so that loops that add up are taken by the lane; no number is NaN."""
-    return cast(Function, _njit(**_counting, no_cpython_wrapper=True, fastmath={*_ANY_ORDER})(function))
+    return cast(Function, _njit(**_linked, _nrt=True, fastmath={*_ANY_ORDER})(function))
 
 
 def uncounted(function: Function) -> Function:
-    """Compile a function that only kernels call and that allocates nothing, without counting references to its arrays."""
-    return cast(Function, _njit(**_options, no_cpython_wrapper=True, _nrt=False)(function))
-
-
-def uncounted_kernel(function: Function) -> Function:
-    """Compile a function that Python calls as well and that allocates nothing, without counting references."""
-    return cast(Function, _njit(**_options, _nrt=False)(function))
+    """Compile a function that only kernels call, that allocates nothing and that returns no array, without counting references
+    to its arrays."""
+    return cast(Function, _njit(**_linked, _nrt=False)(function))
 
 
 def inlined(function: Function) -> Function:
-    """Copy a function into its callers before they are compiled, as if it were written there: a loop is then taken by the
-    lane, and what is called once is compiled once. Copies of large functions that hold copies are slow to make."""
-    return cast(Function, _njit(**_options, inline="always", _nrt=False)(function))
+    """Copy a function that returns arrays it does not own into its callers, before they are compiled: so both kinds may call
+    it."""
+    return cast(Function, _njit(**_numbers, inline="always", _nrt=False)(function))
 
 
 def integer(number: int) -> int:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import inlined, integer, internal, kernel, uncounted
+from inscrutable.kernels.options import integer, internal, kernel, uncounted
 from inscrutable.kernels.references import by_reference, release
 from inscrutable.kernels.rounding import DEPENDENT, FLAT
 
@@ -41,7 +41,7 @@ def room_for(size: int, n_rows: int) -> ProjectionRoom:
     )  # fmt: skip
 
 
-@inlined
+@uncounted
 def at_unit_length(row: Any, value: float) -> tuple[float, float]:
     """Scale a row n·x + value ≥ 0 to unit length; returns b of n·x ≥ b, and the former length. A flat row is void."""
     length = 0.0
@@ -55,7 +55,7 @@ def at_unit_length(row: Any, value: float) -> tuple[float, float]:
     return -value / length, length
 
 
-@inlined
+@uncounted
 def _orthonormal(rows: Any, active: Any, first: int, n_active: int, basis: Any, upper: Any) -> None:
     """basis (q,n) and upper triangle R with rows[active]' = basis' R, from column `first` on, by modified Gram-Schmidt."""
     size = rows.shape[1]
@@ -78,7 +78,7 @@ def _orthonormal(rows: Any, active: Any, first: int, n_active: int, basis: Any, 
             basis[c, i] /= length
 
 
-@inlined
+@uncounted
 def _split(normal: Any, n_active: int, basis: Any, upper: Any, across: Any, along: Any) -> float:
     """across = (I − QQ')n, along = R⁻¹Q'n; returns ‖across‖²."""
     size = normal.size
@@ -101,7 +101,7 @@ def _split(normal: Any, n_active: int, basis: Any, upper: Any, across: Any, alon
     return total
 
 
-@inlined
+@uncounted
 def _most_violated(rows: Any, sides: Any, n_rows: int, n_equal: int, x: Any, near: float, entered: Any) -> int:
     worst, least = -1, near
     for r in range(n_rows):
@@ -117,7 +117,7 @@ def _most_violated(rows: Any, sides: Any, n_rows: int, n_equal: int, x: Any, nea
     return worst
 
 
-@inlined
+@uncounted
 def _without(leaving: int, active: Any, eta: Any, n_active: int) -> int:
     """Take an active row out; returns how many are left."""
     for c in range(leaving, n_active - 1):

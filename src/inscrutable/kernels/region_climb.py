@@ -16,7 +16,7 @@ from inscrutable.kernels.climb import MET, Aim, climb, decide_on_face
 from inscrutable.kernels.copies import put
 from inscrutable.kernels.face_ascent import ascend
 from inscrutable.kernels.face_sets import decision_value, look_around, move_to_cheapest
-from inscrutable.kernels.options import inlined, uncounted
+from inscrutable.kernels.options import inlined, internal, uncounted
 from inscrutable.kernels.regions import face_of, locate
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, distance_room, nearest_belief
 from inscrutable.tolerances import BUDGET_SAFETY, ROW_IN_REACH
@@ -76,7 +76,7 @@ class ClimbRoom(NamedTuple):
     distance: Any
 
 
-@inlined
+@internal
 def climb_room(n_states: int, n_actions: int, n_rows: int) -> ClimbRoom:
     """Return memory for climbs in a problem."""
     return ClimbRoom(
@@ -130,7 +130,7 @@ def _keep(face: Any, aim: Any, basis: Any, trial: Any, weight: float, optima: An
             optima.price[s] = max(weight, 0.0) / distance if is_spent else 0.0
 
 
-@inlined
+@internal
 def climb_decoys(count: int, climbs: Any, aim: Any, regions: Any, basis: Any, optima: Any, room: Any) -> None:
     """Fill the optima of `count` climbs from their decoys; the value is −∞ where no decoy is admissible."""
     n_states, y = basis.shape[0], room.decoy
@@ -155,7 +155,7 @@ def climb_decoys(count: int, climbs: Any, aim: Any, regions: Any, basis: Any, op
                     optima.potential[s] = aim.sign * np.sqrt(max(-2.0 * aim.sign * loss, 0.0))
 
 
-@inlined
+@uncounted
 def _is_on_border(y: Any, k: int) -> bool:
     """Whether a belief in at most k of the states explains a decision with k free coordinates.
 
@@ -167,7 +167,7 @@ def _is_on_border(y: Any, k: int) -> bool:
     return bool(2 <= n_likely <= min(k, y.size - 1))
 
 
-@inlined
+@internal
 def _directions_between(y: Any) -> Any:
     """Orthonormal directions (X, S−1) in which the S probabilities above zero change and their sum does not: Helmert's."""
     n_likely = 0
@@ -185,7 +185,7 @@ def _directions_between(y: Any) -> Any:
     return basis
 
 
-@inlined
+@internal
 def climb_border(face: Any, aim: Any, basis: Any, y: Any, w: Any, room: Any) -> float:
     """Improve y and its decision w with y's zero probabilities held; returns the budget's multiplier, 0 where it is not known.
 
@@ -221,7 +221,7 @@ def climb_border(face: Any, aim: Any, basis: Any, y: Any, w: Any, room: Any) -> 
     return float(weight) if low == 1.0 else 0.0
 
 
-@inlined
+@internal
 def search_set(s: int, turn: Any, aim: Any, floor: float, has_lines: bool, regions: Any, basis: Any) -> None:
     """Improve the optimum of climb s of a turn in a region with sets larger than points.
 
@@ -269,7 +269,7 @@ def search_set(s: int, turn: Any, aim: Any, floor: float, has_lines: bool, regio
                 break
 
 
-@inlined
+@internal
 def _with_equalities(face: Any) -> Any:
     """The rows of a region behind the k equalities of stationarity, at the size of the gradients."""
     curves, rows, _, scale = face

@@ -15,7 +15,7 @@ from inscrutable.kernels.climb import MET
 from inscrutable.kernels.copies import put, put_descending
 from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.faces import row_value
-from inscrutable.kernels.options import inlined, integer, kernel, uncounted, uncounted_kernel
+from inscrutable.kernels.options import integer, internal, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.references import by_reference, release
 from inscrutable.kernels.region_climb import (
     ClimbRoom,
@@ -119,7 +119,7 @@ class Turn(NamedTuple):
     climb: ClimbRoom
 
 
-@inlined
+@internal
 def _turn_room(n_states: int, n_actions: int, n_rows: int, limits: Any) -> Turn:
     """Return memory for searches in a problem."""
     size, number, most = n_actions + 1, np.int64, limits.climbs
@@ -157,7 +157,7 @@ def _orthant(belief: Any, point: Any) -> int:
     return bits
 
 
-@inlined
+@uncounted
 def _record(reached: Any, t: int, number: int, orthant: int, optima: Any, s: int) -> None:
     """Keep the best decision of each region and orthant; where there is no room the worst is dropped."""
     kept, value, potential = reached.optima, optima.value[s], optima.potential[s]
@@ -197,7 +197,7 @@ def _way(source: int, decoy: Any, point: Any) -> int:
     return 0 if source == BEST else 1 + 2 * _orthant(decoy, point) + (1 if source >= FREED else 0)
 
 
-@inlined
+@uncounted
 def _is_new(reached: Any, t: int, region: int, way: int) -> bool:
     """Mark a way into a region as tried; False where it was, or where no room is left: the search ends after this turn."""
     count = reached.n_tried[t]
@@ -249,7 +249,7 @@ def _ask_at_corner(regions: Any, number: int, w: Any, belief: Any, source: int, 
             first += 1
 
 
-@inlined
+@uncounted
 def _ask_for_freed(regions: Any, number: int, aim: Any, basis: Any, w: Any, t: int, search: Any) -> None:
     """Where the set of a decision is larger than a point: ask for the few tight rows that lead to the best members if freed.
 
@@ -272,7 +272,7 @@ def _ask_for_freed(regions: Any, number: int, aim: Any, basis: Any, w: Any, t: i
         _ask(regions, number, regions.observable[number, r], FREED + j, t, search)
 
 
-@inlined
+@uncounted
 def _ask_around(regions: Any, aim: Any, basis: Any, t: int, search: Any) -> None:
     """Ask for the neighbours of the region of largest potential not expanded yet; where there is none the search has ended."""
     reached, turn = search
@@ -316,7 +316,7 @@ def _ask_around(regions: Any, aim: Any, basis: Any, t: int, search: Any) -> None
             _ask_in(turn, region, source, NO_START)
 
 
-@inlined
+@uncounted
 def _put_starts_in_order(starts: Any, aim: Any, regions: Any, basis: Any, t: int, room: Any) -> None:
     """Bound the values that climbs may reach from the starts of a belief, and sort the starts by it, the largest first."""
     n_states, first = aim.point.size, starts.first[t]
@@ -350,7 +350,7 @@ def _put_starts_in_order(starts: Any, aim: Any, regions: Any, basis: Any, t: int
         starts.order[place] = s
 
 
-@inlined
+@uncounted
 def _ask_for_starts(starts: Any, top: float, reached: Any, t: int, turn: Any) -> None:
     """Ask for the next starts that promise more than is found: one, then three times as many as before."""
     first, last = starts.first[t], starts.first[t + 1]
@@ -390,7 +390,7 @@ def _plan(aim: Any, regions: Any, starts: Any, basis: Any, patience: int, t: int
         reached.stage[t] = ENDED
 
 
-@inlined
+@uncounted
 def _begin_climbs(starts: Any, belief: Any, turn: Any) -> None:
     """Where the climbs of a turn begin: at starts, or where the last climbs came to rest."""
     climbs = turn.climbs
@@ -510,7 +510,7 @@ def best_starts(low: int, high: int, aims: Any, table: Any, axes: Any, n_regions
         _put_largest(best, which, chosen[t], values)
 
 
-@inlined
+@uncounted
 def _put_largest(best: Any, which: Any, index: Any, values: Any) -> None:
     """Fill the numbers `which` (f,o) of the largest of `best` (f,o), in order, and these `values`."""
     index[:] = -1

@@ -54,7 +54,7 @@ def chart_of(regions: Any, number: int) -> Any:
     return origin, regions.charts[first : first + n_actions * regions.size[number]].reshape((n_actions, -1))
 
 
-@inlined
+@uncounted
 def locate(regions: Any, number: int, action: Any, w: Any) -> None:
     """Fill w = (Z'(u − u_0), 1) of a decision u (U,)."""
     origin, span = chart_of(regions, number)

@@ -23,7 +23,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.kernels.copies import put, put_at_least, put_rows
 from inscrutable.kernels.faces import solve_factored
-from inscrutable.kernels.options import fused, inlined, integer, internal, kernel, summed
+from inscrutable.kernels.options import fused, integer, internal, kernel, summed
 from inscrutable.kernels.rounding import LEAST_SUM, TINY
 from inscrutable.kernels.sequential_estimates import StepData, longest, own_cost, own_curve, own_slope
 
@@ -223,7 +223,7 @@ def _products(weights: Any, point: Point, found: Any) -> None:
             found[m, k] = found[k, m] = total
 
 
-@inlined
+@internal
 def _best_law(weights: Any, point: Point) -> float:
     """The law of the decisions for given estimates, by Newton's steps on those of positive probability; returns its value."""
     n, law = point.law.size, point.law

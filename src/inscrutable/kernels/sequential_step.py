@@ -13,7 +13,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.kernels.copies import put, put_at_least, put_rows
 from inscrutable.kernels.faces import solve_factored
-from inscrutable.kernels.options import inlined, integer, internal, kernel
+from inscrutable.kernels.options import inlined, integer, internal, kernel, uncounted
 from inscrutable.kernels.sequential_estimates import StepData, longest, own_curve
 from inscrutable.kernels.sequential_saddle import (
     Point,
@@ -39,7 +39,7 @@ _LOWER = 0.1  # factor from one barrier of mixed answers to the next
 _WAYS = 4  # continuations from ever larger prices of information, where Newton's steps stall: one step in a thousand small ones
 
 
-@inlined
+@internal
 def _guesses(weights: Any, data: StepData, price: float, columns: Any, point: Point, estimates: Any) -> None:
     """Estimates after every decision, to first order from the active one of the nearest slopes.
 
@@ -86,7 +86,7 @@ def _guesses(weights: Any, data: StepData, price: float, columns: Any, point: Po
             estimates[m, i] = point.estimates[nearest, i] + length * step[i]
 
 
-@inlined
+@internal
 def _joining(logs: Any, data: StepData, price: float, gains: Any, estimates: Any, apart: float) -> Any:
     """Decisions that could enter, the largest gain first, with different estimates; updates `gains`."""
     added, near = np.empty(_MOST_ADDED, np.int64), np.zeros(gains.size, np.bool_)
@@ -147,7 +147,7 @@ def _priced(weights: Any, data: StepData, price: float, columns: Any, point: Poi
     return added
 
 
-@inlined
+@internal
 def _covering(weights: Any, data: StepData) -> Any:
     """The decision of least mean regret; where caps forbid it to some beliefs, more decisions until each belief has one."""
     n_columns, count = data.values.shape
@@ -214,7 +214,7 @@ def _at_price(
     return columns, point, worst
 
 
-@inlined
+@uncounted
 def _is_tied(weights: Any, data: StepData, kept: int, best: int) -> bool:
     """Whether two decisions cost the same on average, to rounding; not where a cap forbids the first to some belief."""
     apart, size = 0.0, 0.0
@@ -227,7 +227,7 @@ def _is_tied(weights: Any, data: StepData, kept: int, best: int) -> bool:
     return apart >= -_RESIDUAL * size
 
 
-@inlined
+@internal
 def _copied(point: Point) -> Point:
     return Point(
         point.law.copy(),
@@ -245,7 +245,7 @@ def _eased(data: StepData, barrier: float) -> StepData:
     return StepData(data.points, data.values, data.slopes, data.price, data.first_price, data.width, barrier)
 
 
-@inlined
+@internal
 def _begun(weights: Any, data: StepData, columns: Any, work: Any) -> Point:
     """Some decisions, equally likely, with the prior's estimate after each; for a rival with answers, its best mixture."""
     d, count = data.points.shape

@@ -12,7 +12,7 @@ import numpy as np
 
 from inscrutable.kernels.copies import put
 from inscrutable.kernels.deferred import deferred
-from inscrutable.kernels.options import inlined, integer, kernel, uncounted, uncounted_kernel
+from inscrutable.kernels.options import integer, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.projection import project_in, room_for
 from inscrutable.kernels.references import by_reference, release
 from inscrutable.kernels.rounding import FLAT
@@ -56,7 +56,7 @@ def distance_room(n_states: int, n_free: int, n_rows: int) -> DistanceRoom:
     )  # fmt: skip
 
 
-@inlined
+@uncounted
 def _equalities(face: Any, w: Any, basis: Any, room: Any) -> int:
     """Orthonormal rows of G'π = 0 in the reduced coordinates; −1 where they contradict each other."""
     n_states, n = basis.shape
@@ -110,7 +110,7 @@ def _equalities(face: Any, w: Any, basis: Any, room: Any) -> int:
     return n_equal
 
 
-@inlined
+@uncounted
 def _inequalities(face: Any, w: Any, basis: Any, n_equal: int, reversed_row: int, room: Any) -> int:
     """Unit rows of Σ π_i R_ri·w ≥ 0 from `n_equal` on, and which r each is; returns where they end, −1 where one is broken.
 

@@ -28,29 +28,21 @@ from inscrutable.decision_makers.search.region_search import writable_basis
 from inscrutable.kernels import climb as climbing
 from inscrutable.kernels import faces
 from inscrutable.kernels.climb import Aim
-from inscrutable.kernels.faces import (
-    add_regret_curvature,
-    add_row_curvature,
-    cost_under,
-    regret_slope,
-    row_slope,
-    row_value,
-)
 from sizes import instances, some
 from strategies import SEEDS
 
 Array = NDArray[np.float64]
 
 
-@numba.njit(error_model="numpy")  # only kernels call the package's own
-def climb(face: Any, aim: Any, basis: Any, y: Any, w: Any) -> Any:
-    return climbing.climb(face, aim, basis, y, w)
+def compiled(kernel: Any) -> Any:
+    """A function that Python may call; the package's own are linked into others alone."""
+    return numba.njit(error_model="numpy")(lambda *arguments: kernel(*arguments))
 
 
-@numba.njit(error_model="numpy")
-def solve_kkt(curves: Any, y: Any, pivot: Any, w: Any, factor: Any, gradients: Any, slopes: Any) -> Any:
-    return faces.solve_kkt(curves, y, pivot, w, factor, gradients, slopes)
-
+climb, solve_kkt = compiled(climbing.climb), compiled(faces.solve_kkt)
+cost_under, row_value, row_slope = map(compiled, (faces.cost_under, faces.row_value, faces.row_slope))
+regret_slope, add_regret_curvature = map(compiled, (faces.regret_slope, faces.add_regret_curvature))
+add_row_curvature = compiled(faces.add_row_curvature)
 
 N_CASES = instances(5, least=3)
 TINY_STEP = 1e-30  # of a complex step: no difference is formed, so nothing cancels

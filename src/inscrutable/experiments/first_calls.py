@@ -13,19 +13,17 @@ from joblib import Parallel, delayed
 from inscrutable import validation
 from inscrutable.decision_makers import (
     CounterAdversarialDecisionMaker,
-    GlobalSearch,
     PriceCalibration,
     SequentialDecisionMaker,
 )
 from inscrutable.filtering import filter_beliefs
 from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.chains import resting_chain
-from inscrutable.privacy import RivalProblem, SquaredError
+from inscrutable.privacy import MaximalObfuscation, NonExistence, PrivacyMeasure, RivalProblem, SquaredError
 from inscrutable.problems import FiniteProblem, MarkowitzProblem
 from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel, fit_gaussian_hmm
 
 _STATES, _ASSETS = 4, 3
-_GAP = 0.05
 _STAYS, _BUDGET = 0.8, 0.1
 _NOTICE = "inscrutable.kernels"
 
@@ -71,8 +69,8 @@ def _others() -> None:
 
     with compiled_at_once():
         with put_off(search_regions):
-            _decide()
-            _decide(certify=_GAP)
+            _decide(MaximalObfuscation())
+            _decide(NonExistence())
         _worlds()
 
 
@@ -92,14 +90,12 @@ def _worlds() -> None:
         )
 
 
-def _decide(certify: float | None = None) -> None:
+def _decide(measure: PrivacyMeasure) -> None:
     rng = np.random.default_rng(0)
     factors = rng.normal(size=(_STATES, _ASSETS, _ASSETS))
     covariances = 0.01 * (factors @ factors.swapaxes(1, 2) + np.eye(_ASSETS))
     problem = MarkowitzProblem(0.02 * rng.normal(size=(_STATES, _ASSETS)), covariances, 5.0)
-    CounterAdversarialDecisionMaker(problem, method=GlobalSearch(certify=certify)).decide(
-        rng.dirichlet(np.ones(_STATES))
-    )
+    CounterAdversarialDecisionMaker(problem, measure).decide(rng.dirichlet(np.ones(_STATES)))
 
 
 def _decisions() -> None:
@@ -107,4 +103,4 @@ def _decisions() -> None:
     from inscrutable.kernels.set_distance import is_explained_once
 
     with compiled_at_once(), put_off(is_explained_once):
-        _decide()
+        _decide(MaximalObfuscation())

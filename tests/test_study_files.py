@@ -157,6 +157,7 @@ def test_a_misspelt_name_is_answered_with_the_nearest(
         (HEAD + RANDOM + "regimes = [2, 2]\n", 5, "2 stands twice"),
         (HEAD + RANDOM + "regimes = []\n", 5, "should have at least 1 entry, got []"),
         (HEAD + RANDOM + 'persistence = [0.5,\n "much"]\n', 6, "'much'"),
+        (HEAD + RANDOM + 'persistence = [0.5, 1]\n[beliefs]\nkind = "stationary"\n', 5, "numbers below 1"),
         (HEAD + RANDOM + "[budgets]\nvalues = [0.1, -1.0]\n", 6, "greater than or equal to 0"),
         (HEAD + RANDOM + "[budgets]\nvalues = [inf]\n", 6, "finite"),
         (HEAD + RANDOM + '[problem]\nkind = "dispatch"\nwind_buses = [1]\n', 6, 'world of kind "given"'),

@@ -23,6 +23,7 @@ from inscrutable.experiments.studies.layout import (
     DispatchSection,
     GivenWorld,
     GridBeliefs,
+    RandomWorld,
     StationaryBeliefs,
     StudyFile,
 )
@@ -176,6 +177,11 @@ def _check_together(study: StudyFile, source: StudySource) -> None:
     if isinstance(study.problem, DispatchSection) and not isinstance(world, GivenWorld):
         raise InputError(
             f'{source.at(("problem", "kind"))}: dispatch needs a world of kind "given", got "{world.kind}"'
+        )
+    if isinstance(world, RandomWorld) and isinstance(study.beliefs, StationaryBeliefs) and 1.0 in world.persistence:
+        raise InputError(
+            f'{source.at(("world", "persistence"))}: beliefs of kind "stationary" need numbers below 1, got 1: regimes that '
+            "never change have no long-run law"
         )
     if not isinstance(world, GivenWorld):
         return

@@ -338,6 +338,17 @@ def test_rounded_beliefs_are_renormalised(file: Path) -> None:
     assert frame.iloc[1].tolist() == [0.2, 0.3, 0.5]
 
 
+def test_beliefs_of_few_decimals_may_miss_one_by_what_rounding_explains(file: Path) -> None:
+    file.write_text("date,a,b,c\n2020-01,0.33,0.33,0.33\n2020-02,0.335,0.335,0.335\n")
+    refused(read_beliefs, file, "line 2", "sum to 0.99", "within 0.005")  # of three decimals
+    file.write_text("date,a,b,c\n2020-01,0.33,0.33,0.33\n2020-02,0.34,0.34,0.33\n")
+    np.testing.assert_allclose(read_beliefs(file).sum(axis=1), 1.0, rtol=1e-15)
+    file.write_text("date,a,b,c\n2020-01,0.33,0.33,0.32\n")
+    refused(read_beliefs, file, "line 2", "sum to 0.98", "within 0.015")
+    file.write_text("date,a,b\n2020-01,0.5,0.6\n")  # five states of one decimal would explain it
+    refused(read_beliefs, file, "line 2", "sum to 1.1", "within 0.05")
+
+
 @pytest.mark.parametrize("off", [1.1, -1.1])
 def test_beliefs_off_the_simplex(file: Path, off: float) -> None:
     last = 0.5 + off * tolerances.BELIEF_TABLE_SUM

@@ -10,6 +10,10 @@ BELIEF_TABLE_SUM = 5e-3
 """How far a row of a belief file may be from one: files are often rounded to a few digits. Renormalised within it;
 a hundred states rounded to four digits stay inside, a forgotten state rarely does."""
 
+COARSEST_BELIEF_SUM = 0.05
+"""However coarsely beliefs are rounded, a sum farther than this from one is a mistake in the file: ten states rounded to two
+digits stay inside, 0.5 and 0.6 do not."""
+
 TRANSITION_SUM = 1e-8
 """How far a transition or emission row may be from one. Rows are results of arithmetic: looser than a belief."""
 

@@ -109,12 +109,15 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
     patterns, pattern_of = distinct_patterns(tight)
     distinct = first_equal(actions)
     pending: dict[int, BeliefSet] = {}
+    shaped: dict[tuple[int, ...], list[tuple[np.ndarray, Array, Array]]] = {}
     for number, pattern in enumerate(patterns):
         index = np.flatnonzero(pattern_of == number)
         rows = region.stationarity(pattern)
         scaled = scaled_gradients(form.gradients(points[index]), common, form.size).transpose(0, 2, 1)
-        inequalities = rows.inequalities @ scaled
-        equalities = rows.equalities @ scaled
+        systems = index, rows.equalities @ scaled, rows.inequalities @ scaled
+        shaped.setdefault((len(rows.equalities), len(rows.inequalities)), []).append(systems)
+    for parts in shaped.values():  # the systems of one size, whatever the pattern
+        index, equalities, inequalities = (np.concatenate(part) for part in zip(*parts, strict=True))
         dimension[index], ends[index] = described_sets(equalities, inequalities, tolerances.EXPLAINED)
         larger = np.flatnonzero(dimension[index] >= LARGER)
         if not larger.size:

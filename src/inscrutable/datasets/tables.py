@@ -179,8 +179,8 @@ def read_beliefs(path: PathLike, *, names: Sequence[str] | None = None) -> pd.Da
 
     Args:
         path: The file. First column: strictly increasing dates, as for `read_returns`. Every other column: the
-            probability of one regime, at least 0. A row may miss the sum 1 by 5e-3 (files rounded to a few digits) and
-            is then divided by its sum.
+            probability of one regime, at least 0. A row may miss the sum 1 by 5e-3, or by what rounding to the file's decimals
+            explains, X/2 units of the last, at most 0.05; it is then divided by its sum.
         names: (X,) names of the regimes. Columns are matched to them by label, in any order, and returned in the order
             of `names`. None: as in the file.
 
@@ -214,7 +214,8 @@ def read_beliefs(path: PathLike, *, names: Sequence[str] | None = None) -> pd.Da
     for row, column in np.argwhere(values < -tolerances.BELIEF_SUM):
         place = table.place(int(row), columns[column])
         raise InputError(f"{place}: probability {values[row, column]:g}, expected at least 0")
-    _check_sums(table, values, tolerances.BELIEF_TABLE_SUM, "probabilities")
+    allowed = _sum_rounding(table, columns, tolerances.BELIEF_TABLE_SUM, tolerances.COARSEST_BELIEF_SUM)
+    _check_sums(table, values, allowed, "probabilities")
     clipped = np.maximum(values, 0.0)
     return pd.DataFrame(clipped / clipped.sum(axis=1, keepdims=True), index=index, columns=pd.Index(wanted))
 
@@ -288,10 +289,8 @@ def read_weights(path: PathLike, *, assets: Sequence[str], net: float | None = 1
     index = pd.RangeIndex(len(table.rows), name="row") if numbered else label_index(table)
     values = numbers(table, columns)
     digits = decimal_digits(table, columns)
-    # Rounding moves each weight by at most half a unit of its last digit.
-    rounding = len(wanted) * 0.5 * 10.0**-digits if digits > 0 else 0.0
-    allowed = max(tolerances.PUBLISHED_SUM, min(rounding, tolerances.COARSEST_SUM))
     if net is not None:
+        allowed = _sum_rounding(table, columns, tolerances.PUBLISHED_SUM, tolerances.COARSEST_SUM)
         _check_sums(table, values, allowed, "weights", net)
     return WeightsTable(
         frame=pd.DataFrame(values, index=index, columns=pd.Index(wanted)),
@@ -460,6 +459,13 @@ def _check_fractions(table: TextTable, values: NDArray[np.float64]) -> None:
 def _first(table: TextTable, where: NDArray[np.bool_], values: NDArray[np.float64]) -> str:
     row, column = (int(i) for i in np.argwhere(where)[0])
     return f"{table.place(row, column + 1)}: {values[row, column]:g}"
+
+
+def _sum_rounding(table: TextTable, columns: Sequence[int], least: float, most: float) -> float:
+    """How far rounding may move a row's sum: each number by at most half a unit of its last decimal."""
+    digits = decimal_digits(table, columns)
+    rounding = len(columns) * 0.5 * 10.0**-digits if digits > 0 else 0.0
+    return max(least, min(rounding, most))
 
 
 def _check_sums(table: TextTable, values: NDArray[np.float64], tolerance: float, noun: str, whole: float = 1.0) -> None:

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from scipy.linalg import null_space
 from scipy.optimize import minimize
-from threadpoolctl import threadpool_limits
 
 from inscrutable import validation
 from inscrutable.decision_makers.candidate_sources import random_actions
 from inscrutable.decision_makers.search.goal import Goal, Judgement
 from inscrutable.geometry.crossings import first_met
+from inscrutable.kernels.threads import one_blas_thread
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -225,5 +225,5 @@ def _run(watched: _Watched, start: Array) -> None:
     descent = _Descent(watched, start)
     rules: Any = {"type": "ineq", "fun": descent.rules, "jac": descent.rule_slopes}
     origin = np.zeros(watched.free.shape[1])
-    with threadpool_limits(limits=1, user_api="blas"):  # else its last digits, and where it ends, differ with the cores
+    with one_blas_thread():  # else its last digits, and where it ends, differ with the cores
         minimize(descent.loss, origin, jac=True, method="SLSQP", constraints=rules)

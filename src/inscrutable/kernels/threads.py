@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cache
 from threading import Event, local
+from typing import Any
 
 _here = local()
 """`_here.busy` is set on a thread that takes chunks beside others: nested chunks run on their own thread, because helpers would
@@ -23,6 +24,20 @@ def thread_count() -> int:
     if asked.isdigit() and int(asked) > 0:
         return int(asked)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def one_blas_thread() -> Any:
+    """Return a context in which linear algebra runs on one thread: more only wait for each other where products are short."""
+    return _libraries().limit(limits=1, user_api="blas")
+
+
+@cache
+def _libraries() -> Any:
+    """The libraries of NumPy and SciPy, looked for once: it takes a millisecond or two."""
+    import scipy.linalg  # noqa: F401  # brings a library of its own
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 def in_chunks(

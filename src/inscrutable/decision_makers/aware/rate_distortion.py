@@ -21,6 +21,7 @@ from inscrutable.decision_makers.aware.rate_distortion_steps import Source
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions, Progress
 from inscrutable.errors import InputError
+from inscrutable.kernels.threads import one_blas_thread
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.problems import DecisionProblem
 from inscrutable.saved import Summarised
@@ -260,9 +261,7 @@ def _solved(maker: RateDistortionDecisionMaker, budgets: list[Budget], progress:
 
     On one thread of linear algebra: the many short products wait for memory, and on a busy machine threads wait for each other.
     """
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_blas_thread():
         return _solved_in_turn(maker, budgets, progress)
 
 

@@ -29,6 +29,7 @@ from inscrutable.decision_makers.aware.stackelberg_solver import largest_error
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.envelope import best_mixtures
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions, Progress
+from inscrutable.kernels.threads import one_blas_thread
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.privacy.losses import DecisionLoss, Loss, checked_loss
 from inscrutable.problems import DecisionProblem
@@ -229,8 +230,6 @@ def _promised(maker: StackelbergDecisionMaker) -> _Solution:
 
 
 def _solved(maker: StackelbergDecisionMaker, progress: Progress | None) -> _Solution:
-    from threadpoolctl import threadpool_limits
-
     prior = maker.prior
     table = maker._table(maker.columns)
     limits = maker.budget.limits(table.optimal_costs)
@@ -243,7 +242,7 @@ def _solved(maker: StackelbergDecisionMaker, progress: Progress | None) -> _Solu
         small = np.count_nonzero(held) * len(table.columns) <= _SMALL
         goal = tolerances.SMALL_ERROR_GAP if small else tolerances.ERROR_GAP
     budgeted = _budgeted(table, limits)
-    with threadpool_limits(limits=1, user_api="blas"):  # threads wait for each other on a busy machine
+    with one_blas_thread():  # threads wait for each other on a busy machine
         if isinstance(maker.loss, DecisionLoss):
             return _answered(maker.loss, prior, table, budgeted, (held, goal, progress))
         return _estimated(prior, table, budgeted, (held, goal, progress))

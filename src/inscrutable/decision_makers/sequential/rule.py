@@ -26,6 +26,7 @@ from inscrutable.decision_makers.sequential.sequence import DecisionSequence
 from inscrutable.decision_makers.sequential.step import StepTable, step_table
 from inscrutable.errors import InputError
 from inscrutable.geometry.grids import grid_size
+from inscrutable.kernels.threads import one_blas_thread
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.chains import BeliefChain, filtered_chain
 from inscrutable.mechanisms.disclosures import Disclosure
@@ -189,9 +190,7 @@ class SequentialDecisionMaker(Described):
     def calibration(self) -> PriceCalibration:
         """The prices, found at first use and kept."""
         if self._calibration is None:
-            from threadpoolctl import threadpool_limits
-
-            with threadpool_limits(limits=1, user_api="blas"):  # the simulated paths have a thread each
+            with one_blas_thread():  # the simulated paths have a thread each
                 found = calibrated(self.table, self.law, self.limit, self.information_price, self._rng)
             self._calibration = replace(found, lost=str(self.loss))
         return self._calibration

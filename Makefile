@@ -55,7 +55,7 @@ imports: .venv/.test ## a step of the story imports only from the steps above it
 bench: .venv/.test ## measure everything against its peers, into benchmarks/results (minutes; let nothing else run)
 	$(BIN)/python -m benchmarks
 
-audit: .venv/.test ## the checks that take longer; their log is kept in audit/log.txt
+audit: .venv/.test ## the checks that take longer, a share of the files on each core; their log is kept in audit/log.txt
 	$(BIN)/python tools/audit.py
 
 clean: ## remove the environment, the caches and the demo

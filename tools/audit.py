@@ -11,8 +11,11 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
+from itertools import repeat
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 LOG = ROOT / "audit" / "log.txt"
@@ -36,32 +39,41 @@ def anonymous(line: str) -> str:
     return line
 
 
-def settings() -> dict[str, str]:
-    """All cores, where the tests' own setting is one, and all instances, of which `make test` draws a part."""
-    return {"LOKY_MAX_CPU_COUNT": str(os.cpu_count()), "AUDIT_SIZES": "1"}
+def settings(processes: int) -> dict[str, str]:
+    """The cores of each process, where the tests' own setting is one, and all instances, of which `make test` draws a part."""
+    return {"LOKY_MAX_CPU_COUNT": str(max(1, (os.cpu_count() or 1) // processes)), "AUDIT_SIZES": "1"}
+
+
+def shares(arguments: list[str]) -> list[list[str]]:
+    """The arguments of each process: every n-th file, on n cores, or what was asked for."""
+    files = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "tests").glob("test_*.py"))
+    processes = os.cpu_count() or 1
+    return [arguments] if arguments else [files[i::processes] for i in range(processes)]
+
+
+def run(arguments: list[str], processes: int, kept: list[str]) -> int:
+    """Run pytest, show its lines as they come and keep them; return its exit code."""
+    command = [sys.executable, "-m", "pytest", "-m", "audit", "--no-header", "--durations=0", "-s", "-v", *arguments]
+    pipes: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    with subprocess.Popen(command, cwd=ROOT, env=settings(processes) | os.environ, **pipes) as pytest:
+        for line in pytest.stdout:
+            if not line.startswith(NOISE):
+                kept.append(anonymous(line))
+                sys.stdout.write(kept[-1])
+                sys.stdout.flush()
+        return pytest.wait()
 
 
 def main(arguments: list[str]) -> int:
-    """Run pytest, show its lines as they come, keep them, and pass its exit code on."""
-    command = [sys.executable, "-m", "pytest", "-m", "audit", "--no-header", "--durations=0", "-s", "-v", *arguments]
+    """Run a share of the files on each core, keep what they print one after the other, and pass an exit code on."""
+    asked = shares(arguments)
+    kept: list[list[str]] = [[] for _ in asked]
     LOG.parent.mkdir(exist_ok=True)
-    with (
-        LOG.open("w", encoding="utf-8") as log,
-        subprocess.Popen(
-            command, cwd=ROOT, env=settings() | os.environ, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        ) as run,
-    ):
-        log.write(header())
-        assert run.stdout is not None
-        for line in run.stdout:
-            if line.startswith(NOISE):
-                continue
-            clean = anonymous(line)
-            log.write(clean)
-            log.flush()
-            sys.stdout.write(clean)
-            sys.stdout.flush()
-        return run.wait()
+    try:
+        with ThreadPoolExecutor(len(asked)) as pool:
+            return max(pool.map(run, asked, repeat(len(asked)), kept))
+    finally:
+        LOG.write_text(header() + "\n".join("".join(lines) for lines in kept), "utf-8")
 
 
 if __name__ == "__main__":

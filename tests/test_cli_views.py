@@ -111,6 +111,22 @@ def test_factors_of_returns(folder: Path, capsys: pytest.CaptureFixture[str]) ->
     assert [told[name]["least"] for name in ASSETS] == pytest.approx(views.bounds[:, 0].tolist())
 
 
+def test_prices_are_the_returns_between_their_rows(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    returns = pd.read_csv(folder / "returns.csv", index_col=0)
+    prices = 80.0 * (1.0 + returns).cumprod()
+    prices.to_csv(folder / "prices.csv")
+    prices.pct_change().iloc[1:].to_csv(folder / "returns.csv")
+    told = []
+    for risk in ("prices", "returns"):
+        assert main(asked(folder, "--factors", "1", "--risk-aversion", "3", "--json", risk=risk)) == 0
+        assets = json.loads(capsys.readouterr().out)["portfolios"]["May"]["assets"]
+        told.append([assets[name]["least"] for name in ASSETS])
+    assert told[0] == pytest.approx(told[1], rel=1e-9)
+    both = asked(folder, "--risk-aversion", "3", "--returns", str(folder / "returns.csv"), risk="prices")
+    assert main(both) == 2
+    assert "--prices FILE" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("more", "code", "said"),
     [

@@ -37,6 +37,7 @@ def views(
     weights: Annotated[Path, Parameter(group=DATA)],
     covariance: Annotated[Path | None, Parameter(group=DATA)] = None,
     returns: Annotated[Path | None, Parameter(group=DATA)] = None,
+    prices: Annotated[Path | None, Parameter(group=DATA)] = None,
     factors: Annotated[Whole | None, Parameter(group=DATA), AT_LEAST_0] = None,
     risk_aversion: Annotated[float, Parameter(group=INVESTOR)],
     held: Annotated[Held, Parameter(group=INVESTOR)] = "anything",
@@ -56,8 +57,9 @@ def views(
         weights: CSV of weights: dates or labels in the first column, one column per asset, one row per portfolio.
         covariance: CSV of the covariance per period: the assets' names in the first row and column.
         returns: CSV of returns, as for `backtest`, from which the covariance is estimated instead.
-        factors: With `--returns`: number of principal factors of that covariance, besides specific variances. Default: the
-            sample covariance.
+        prices: CSV of prices, as for `backtest`: the same for the returns between their rows.
+        factors: With `--returns` or `--prices`: number of principal factors of that covariance, besides specific variances.
+            Default: the sample covariance.
         risk_aversion: γ in the investor's cost γ u'Vu − m'u, per unit of return, without a half.
         held: What may be held: anything; invested: weights that sum to one; long-only: these, none below zero.
         cap: Largest weight.
@@ -68,21 +70,25 @@ def views(
             nothing.
         out: Folder for views.csv, summary.json and the figure; without it the results are only printed.
     """
-    if (covariance is None) == (returns is None):
-        raise UsageError("give one of --covariance FILE and --returns FILE")
-    if factors is not None and returns is None:
-        raise UsageError("--factors belongs to --returns")
+    if sum(option is not None for option in (covariance, returns, prices)) != 1:
+        raise UsageError("give one of --covariance FILE, --returns FILE and --prices FILE")
+    if factors is not None and covariance is not None:
+        raise UsageError("--factors belongs to --returns or --prices")
     if regret is not None and digits is not None:
         raise UsageError("give --regret or --digits, not both: the regret of rounded weights is not known")
     allowed = None if regret is None else amount_of(regret, "--regret")
 
     from inscrutable import tolerances
+    from inscrutable.alphas import AlphaProblem
     from inscrutable.reports.views import views_frame, views_remarks, views_summary, write_views
 
     table = _numbers(weights, "--weights")
-    problem = _problem(table, covariance, returns, factors, risk_aversion, held, cap)
+    risk = _risk(table, covariance, returns or prices, factors, prices is not None)
+    problem = AlphaProblem(risk, risk_aversion, region_of(list(table.columns), held, cap))
     folder = None if out is None else writable_folder(out, "views")
-    speech.log(f"{len(table)} portfolios of {problem.n_assets} assets, {_risk_text(covariance, returns, factors)}")
+    speech.log(
+        f"{len(table)} portfolios of {problem.n_assets} assets, {_risk_text(covariance or returns or prices, factors)}"
+    )
     read = {
         label: _read(problem, (weights, label, row), regret=allowed, digits=digits, reference=reference)
         for label, row in table.iterrows()
@@ -173,29 +179,20 @@ def _numbers(path: Path, option: str) -> pd.DataFrame:
     return table
 
 
-def _risk_text(covariance: Path | None, returns: Path | None, factors: int | None) -> str:
-    if covariance is not None:
-        return f"with the covariance of {covariance}"
-    return f"with the covariance of {returns}" + ("" if factors is None else f" by {factors} principal factors")
+def _risk_text(path: Path | None, factors: int | None) -> str:
+    return f"with the covariance of {path}" + ("" if factors is None else f" by {factors} principal factors")
 
 
-def _problem(
-    table: pd.DataFrame,
-    covariance: Path | None,
-    returns: Path | None,
-    factors: int | None,
-    risk_aversion: float,
-    held: Held,
-    cap: float | None,
-) -> AlphaProblem:
-    """The decision problem of the options, in the order of the weights' columns."""
-    from inscrutable.alphas import AlphaProblem, FactorRisk
+def _risk(
+    table: pd.DataFrame, covariance: Path | None, history: Path | None, factors: int | None, are_prices: bool
+) -> Any:
+    """The covariance of the weights' columns, in their order: as given, or of a history of returns or prices."""
+    from inscrutable.alphas import FactorRisk
     from inscrutable.axes import Axis
     from inscrutable.datasets import read_returns
     from inscrutable.errors import InputError
 
     assets = list(table.columns)
-    risk: Any
     if covariance is not None:
         given = covariance_of(covariance)
         if table.index.name in given.columns:
@@ -204,12 +201,10 @@ def _problem(
                 "before it"
             )
         Axis("asset", tuple(assets)).order(tuple(given.columns), f"{covariance}")
-        risk = given.loc[assets, assets]
-    else:
-        assert returns is not None
-        history = read_returns(returns)
-        Axis("asset", tuple(assets)).order(tuple(history.columns), f"{returns}")
-        if len(history) < 2:
-            raise InputError(f"{returns}: {len(history)} rows of returns, expected at least 2")
-        risk = history[assets].cov() if factors is None else FactorRisk.from_returns(history[assets], factors)
-    return AlphaProblem(risk, risk_aversion, region_of(assets, held, cap))
+        return given.loc[assets, assets]
+    assert history is not None
+    returns = read_returns(history, prices=are_prices)
+    Axis("asset", tuple(assets)).order(tuple(returns.columns), f"{history}")
+    if len(returns) < 2:
+        raise InputError(f"{history}: {len(returns)} rows of returns, expected at least 2")
+    return returns[assets].cov() if factors is None else FactorRisk.from_returns(returns[assets], factors)

@@ -158,7 +158,11 @@ def test_bad_files_are_refused(folder: Path, capsys: pytest.CaptureFixture[str])
     assert "smallest eigenvalue -0.4" in capsys.readouterr().err
     (folder / "weights.csv").write_text("month,Food,Oil,Gas\nMay,0.5,,0.2\n")
     assert main(asked(folder, "--risk-aversion", "1")) == 3
-    assert "has nothing in row May" in capsys.readouterr().err
+    assert "weights.csv, line 2, column 'Oil': missing (empty cell)" in " ".join(capsys.readouterr().err.split())
+    (folder / "weights.csv").write_text("month,Food,Oil,Gas\nMay,0.5,0.3,0.2\nJune,50%,30%,20%\n")
+    assert main(asked(folder, "--risk-aversion", "1")) == 3
+    said = " ".join(capsys.readouterr().err.split())
+    assert "line 3, column 'Food': found '50%', expected a number; write a percentage as a fraction" in said
 
 
 def test_percentages_are_remarked_on(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -80,9 +80,10 @@ def views(
 
     from inscrutable import tolerances
     from inscrutable.alphas import AlphaProblem
+    from inscrutable.datasets import read_records
     from inscrutable.reports.views import views_frame, views_remarks, views_summary, write_views
 
-    table = _numbers(weights, "--weights")
+    table = read_records(weights, all_numbers=True)
     risk = _risk(table, covariance, returns or prices, factors, prices is not None)
     problem = AlphaProblem(risk, risk_aversion, region_of(list(table.columns), held, cap))
     folder = None if out is None else writable_folder(out, "views")
@@ -162,21 +163,6 @@ def _advice(problem: AlphaProblem, row: pd.Series) -> str:
 def _decimals(row: pd.Series) -> int:
     """The digits after the point of the numbers of a row, at most 15."""
     return next((digits for digits in range(15) if row.round(digits).equals(row)), 15)
-
-
-def _numbers(path: Path, option: str) -> pd.DataFrame:
-    """A table of numbers without gaps."""
-    from inscrutable.datasets import read_records
-    from inscrutable.errors import InputError
-
-    table = read_records(path)
-    for name, column in table.items():
-        if column.dtype.kind not in "iuf":
-            raise InputError(f"{path}: column {name} of {option} holds words, expected numbers")
-        if column.isna().any():
-            row = label_text(column.index[int(column.isna().to_numpy().argmax())])
-            raise InputError(f"{path}: column {name} of {option} has nothing in row {row}, expected a number")
-    return table
 
 
 def _risk_text(path: Path | None, factors: int | None) -> str:

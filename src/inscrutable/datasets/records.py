@@ -13,12 +13,13 @@ from inscrutable.errors import InputError
 from inscrutable.files import PathLike
 
 
-def read_records(path: PathLike) -> pd.DataFrame:
+def read_records(path: PathLike, *, all_numbers: bool = False) -> pd.DataFrame:
     """Read rows of numbers or words from a CSV file, as `audit_pairs` takes them; missing cells stay missing.
 
     Args:
         path: The file. First column: strictly increasing dates as for `read_returns`, or labels of rows, each once. Every
             other column: numbers, or words (classes, choices), not both.
+        all_numbers: Whether words and missing cells are refused.
 
     Returns:
         A frame labelled as the file: columns of numbers with NaN, or of text with None, where a cell is empty or says that it
@@ -49,6 +50,8 @@ def read_records(path: PathLike) -> pd.DataFrame:
         )
     dated = all(is_date(row[0]) for row in table.rows)
     index = date_index(table) if dated else label_index(table)
+    if all_numbers:
+        return pd.DataFrame(numbers(table, range(1, len(table.header))), index, table.labels_from(1))
     columns = {name: _column(table, k).set_axis(index) for k, name in enumerate(table.header) if k > 0}
     return pd.DataFrame(columns)
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
-from inscrutable import Budget, FiniteProblem, PriceCalibration, Prior, SequentialDecisionMaker
+from inscrutable import Budget, FiniteProblem, MarkowitzProblem, PriceCalibration, Prior, SequentialDecisionMaker
 from inscrutable.decision_makers.sequential.step import Prices, StepRule
 from inscrutable.mechanisms.chains import BeliefChain
 from sizes import instances
@@ -104,6 +104,33 @@ def test_a_step_is_as_good_as_a_cone_programme_finds(
         # A price of 0 is played as a thousandth of the prior loss, which costs at most that for every nat.
         lost = 1e-3 * np.log(len(law)) if information == 0.0 else 0.0
         assert found >= best - (lost + 1e-7) * spread - 1e-9
+
+
+@pytest.mark.parametrize("nats", [30.0, 300.0])
+def test_steps_over_two_states_and_many_candidates_are_optimal(fresh_rng: np.random.Generator, nats: float) -> None:
+    """Nearly alike candidates enter one after the other, in up to some hundred rounds; no log c_m is left above zero."""
+    shares = np.linspace(0.0, 1.0, 21)
+    beliefs = np.column_stack([shares, 1.0 - shares])
+    prior = Prior(beliefs, np.full(21, 1 / 21))
+    for _ in range(instances(16, least=2)):
+        factors = fresh_rng.normal(size=(2, 4, 4))
+        spread = 0.01 * (factors @ factors.swapaxes(1, 2) / 4 + 0.3 * np.eye(4))
+        problem = MarkowitzProblem(0.02 * fresh_rng.normal(size=(2, 4)), spread, 5.0)
+        costs = problem.optimal_cost(beliefs)
+        price = nats / float(problem.optimal_cost(prior.mean) - prior.weights @ costs)
+        maker = SequentialDecisionMaker(
+            problem,
+            0.1,
+            chain=BeliefChain(prior, np.eye(21)),
+            calibration=PriceCalibration.at(price, NO_PRICE),
+            rng=fresh_rng,
+        )
+        mechanism = maker.mechanism_for(prior)
+        rows, powers = mechanism.probabilities.toarray(), np.exp(-price * mechanism.regrets)
+        played = prior.weights @ rows
+        sums = powers @ played
+        assert (prior.weights / sums @ powers).max() <= 1.0 + 1e-6
+        np.testing.assert_allclose(rows, powers * played / sums[:, None], atol=1e-6)
 
 
 def test_estimates_of_decisions_that_do_not_enter_are_found_between_two_beliefs() -> None:

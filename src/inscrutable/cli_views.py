@@ -87,9 +87,8 @@ def views(
     risk = _risk(table, covariance, returns or prices, factors, prices is not None)
     problem = AlphaProblem(risk, risk_aversion, region_of(list(table.columns), held, cap))
     folder = None if out is None else writable_folder(out, "views")
-    speech.log(
-        f"{len(table)} portfolios of {problem.n_assets} assets, {_risk_text(covariance or returns or prices, factors)}"
-    )
+    portfolios = "1 portfolio" if len(table) == 1 else f"{len(table)} portfolios"
+    speech.log(f"{portfolios} of {problem.n_assets} assets, {_risk_text(covariance or returns or prices, factors)}")
     read = {
         label: _read(problem, (weights, label, row), regret=allowed, digits=digits, reference=reference)
         for label, row in table.iterrows()

@@ -30,7 +30,7 @@ from inscrutable.kernels.sequential_saddle import (
 _KEPT, _SOLVED, _RARELY = tolerances.KEPT_DECISION, tolerances.SOLVED_STEP, tolerances.RETURNING_LAW
 _RESIDUAL, _BACK = tolerances.LAW_RESIDUAL, tolerances.RETURNING_LAW
 _NEW = tolerances.NEW_DECISION
-_ROUNDS, _PRICING_STEPS = (
+_ROUNDS, _PRICING_STEPS = 1000, integer(30)  # three to six, and three, are usual; for information alone up to hundreds
     1000,
     integer(30),
 )  # three to six, and three, are usual; where information alone counts up to some hundreds

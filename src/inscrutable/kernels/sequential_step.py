@@ -31,9 +31,6 @@ _KEPT, _SOLVED, _RARELY = tolerances.KEPT_DECISION, tolerances.SOLVED_STEP, tole
 _RESIDUAL, _BACK = tolerances.LAW_RESIDUAL, tolerances.RETURNING_LAW
 _NEW = tolerances.NEW_DECISION
 _ROUNDS, _PRICING_STEPS = 1000, integer(30)  # three to six, and three, are usual; for information alone up to hundreds
-    1000,
-    integer(30),
-)  # three to six, and three, are usual; where information alone counts up to some hundreds
 _NO_DECISION = integer(-1)
 _MOST_ADDED = 3  # decisions that enter at once; a fourth one costs more in Newton's steps than it saves in rounds
 _APART = 0.01  # share of the law's variance by which the estimates of decisions that enter at once must differ

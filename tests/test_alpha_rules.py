@@ -493,7 +493,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("name", "objective"), some(CASES, 3))
+@pytest.mark.parametrize(("name", "objective"), some(CASES, 5))
 def test_what_a_simulated_observer_holds(name: str, objective: str) -> None:
     maker, means, before, after, regrets = paths(name, objective)
     law = maker.plan.law

@@ -9,7 +9,7 @@ from scipy.optimize import linprog, nnls
 from inscrutable import LinearProblem, Polyhedron, SolverError, box, consistent_beliefs, simplex
 from inscrutable.geometry import cones
 from inscrutable.geometry.cones import decomposed_rows
-from sizes import instances
+from sizes import instances, some
 
 
 def is_stationary(active, equalities, gradient):
@@ -84,7 +84,7 @@ def ladder(size):
     return box([0.0] * size, [1.0] * size) & Polyhedron(matrix, np.zeros(size - 1))
 
 
-@pytest.mark.parametrize("region", [groups, ring, ladder])
+@pytest.mark.parametrize("region", some([groups, ladder, ring], 2))
 def test_fifty_coordinates_with_many_rows_in_a_corner(region):
     rng = np.random.default_rng(3)
     region = region(50)

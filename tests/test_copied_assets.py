@@ -261,7 +261,7 @@ def doubled(problem: QuadraticProblem, twice: list[int], constraints: Polyhedron
 
 
 @pytest.mark.parametrize("toward", [False, True])
-@pytest.mark.parametrize(("n_states", "n_assets"), [(2, 3), (3, 3), (3, 5), (4, 4)])
+@pytest.mark.parametrize(("n_states", "n_assets"), some([(2, 3), (3, 3), (3, 5), (4, 4)], 2))
 def test_a_market_with_copies_hides_as_much_as_the_one_without(n_states: int, n_assets: int, toward: bool) -> None:
     rng = np.random.default_rng([7, n_states, n_assets])
     plain = market(rng, n_states, n_assets, lambda moments: moments)

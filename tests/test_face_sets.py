@@ -16,6 +16,7 @@ from inscrutable.kernels.climb import Aim
 from inscrutable.kernels.set_distance import NO_ROW, distance_room, nearest_belief
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
+from sizes import some
 
 set_distance_model = numba.njit(error_model="numpy")(face_ascent.set_distance_model.py_func)
 
@@ -72,7 +73,7 @@ def cases(n_states: int, n_assets: int, free: int, count: int, sign: float = 1.0
     return found
 
 
-@pytest.mark.parametrize(("n_states", "n_assets", "free"), [(3, 3, 1), (4, 3, 2), (5, 4, 2), (5, 4, 3)])
+@pytest.mark.parametrize(("n_states", "n_assets", "free"), some([(4, 3, 2), (3, 3, 1), (5, 4, 2), (5, 4, 3)], 2))
 def test_slope_and_curvature_of_a_sets_distance(n_states: int, n_assets: int, free: int) -> None:
     basis, checked = writable_basis(n_states), 0
     for case in cases(n_states, n_assets, free, 8):

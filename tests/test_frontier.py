@@ -60,7 +60,7 @@ def best_mixture(regrets, privacies, limit):
     return best
 
 
-@pytest.mark.parametrize(("kind", "source"), some(list(product(KINDS, ["decoys", "actions", "draws"])), 4))
+@pytest.mark.parametrize(("kind", "source"), some(list(product(KINDS, ["decoys", "actions", "draws"])), 5))
 def test_the_frontier_is_its_definition(kind, source):
     problem = problem_of(kind)
     rng = np.random.default_rng(2)

@@ -18,7 +18,7 @@ MISSED = 1e-4  # relative: how far below the proven optimum a decision may stay
 ABOVE = 1e-6  # how far above the proven bound rounding may carry it
 
 
-@pytest.mark.parametrize("case", some(CASES_IN_TURN, 3))
+@pytest.mark.parametrize("case", some(CASES_IN_TURN, 9))
 def test_the_global_search_reaches_the_proven_optimum(case):
     best, _, bound = optimum.global_cdm(case.market, case.belief, case.budget, case.min_slack)
     problem = MarkowitzProblem(*case.market)

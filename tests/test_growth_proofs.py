@@ -219,7 +219,7 @@ def proofs_of(problem, belief, budget, calls=10_000):
 
 
 @pytest.mark.parametrize(
-    ("n_states", "n_assets", "seed"), some([(2, 4, 0), (3, 3, 0), (3, 3, 1), (3, 5, 2), (3, 2, 0)], 4)
+    ("n_states", "n_assets", "seed"), some([(2, 4, 0), (3, 3, 0), (3, 3, 1), (3, 5, 2), (3, 2, 0)], 5)
 )
 def test_bounds_are_above_a_scan_and_near_what_is_reached(n_states, n_assets, seed):
     rng = np.random.default_rng([20270507, n_states, n_assets, seed])

@@ -55,7 +55,7 @@ def test_the_kept_decisions_of_the_oracle_are_worth_what_it_says(name):
     assert verdict.privacy == pytest.approx(known.privacy, abs=CLOSE)
 
 
-@pytest.mark.parametrize("name", some(list(INSTANCES), 9))
+@pytest.mark.parametrize("name", some(list(INSTANCES), 14))
 def test_a_decision_is_as_private_as_the_best_known(name):
     instance = INSTANCES[name]
     decision = decided(instance)

@@ -100,7 +100,7 @@ def test_every_atom_is_what_the_adversary_sees(shape: tuple[int, int], sign: flo
         assert one.expected_privacy <= one.privacy_bound
 
 
-@pytest.mark.parametrize(("shape", "sign", "budget"), some(CASES, 2))
+@pytest.mark.parametrize(("shape", "sign", "budget"), some(CASES, 3))
 def test_no_worse_than_the_grid_nor_than_a_single_decision(shape: tuple[int, int], sign: float, budget: float) -> None:
     case = told(shape, sign, budget, count=6, seed=1)
     problem, candidates = case.maker.problem, case.maker.candidates

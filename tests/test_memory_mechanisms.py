@@ -31,7 +31,7 @@ from inscrutable import (
 )
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from oracles.chain_paths import every_path
-from sizes import audited, instances
+from sizes import audited, instances, some
 from strategies import random_world
 
 EXACT = 1e-11
@@ -276,7 +276,7 @@ def test_what_paths_tell_equals_enumeration(is_public: bool, fresh_rng: np.rando
         assert error < 0.03
 
 
-@pytest.mark.parametrize("is_public", [False, True])
+@pytest.mark.parametrize("is_public", some([False, True], 2))
 def test_sampled_paths_agree_with_all_of_them(is_public: bool, fresh_rng: np.random.Generator) -> None:
     chain, n_steps = random_chain(fresh_rng, 4), 7 if is_public and audited() else 6
     n_actions, n_memories = (2, 2) if is_public else (5, 1)

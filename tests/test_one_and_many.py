@@ -82,7 +82,7 @@ def scale_of(problem, beliefs):
     return float(np.abs(problem.state_costs(problem.solve(beliefs))).max())
 
 
-@pytest.mark.parametrize(("kind", "n_states"), some(MARKETS, 2))
+@pytest.mark.parametrize(("kind", "n_states"), some(MARKETS, 6))
 def test_a_lottery_is_never_worse_than_a_single_decision(kind, n_states, fresh_rng):
     problem = market(kind, n_states, fresh_rng)
     candidates = default_decoys(problem)
@@ -97,7 +97,7 @@ def test_a_lottery_is_never_worse_than_a_single_decision(kind, n_states, fresh_r
         assert (regrets <= 0.1 * np.abs(mixed.optimal_cost) * (1.0 + 1e-9)).all()
 
 
-@pytest.mark.parametrize(("kind", "n_states"), some(MARKETS, 3))
+@pytest.mark.parametrize(("kind", "n_states"), some(MARKETS, 7))
 def test_distances_are_decided_alone_as_among_many_in_any_order(kind, n_states, fresh_rng, monkeypatch):
     problem = market(kind, n_states, fresh_rng)
     beliefs = fresh_rng.dirichlet(np.ones(n_states), instances(100) if n_states < 4 else 3)
@@ -158,7 +158,7 @@ def makers(problem):
         yield lambda: CounterAdversarialDecisionMaker(problem, method=LocalSearch(rng=np.random.default_rng(0)))
 
 
-@pytest.mark.parametrize("number", range(4), ids=["quadratic", "finite", "linear", "growth"])
+@pytest.mark.parametrize("number", some(range(4), 2), ids=some(["quadratic", "finite", "linear", "growth"], 2))
 def test_every_decision_maker_decides_one_belief_as_among_many(number, fresh_rng):
     problem = list(problems(fresh_rng))[number]
     beliefs = fresh_rng.dirichlet(np.ones(3), 2)

@@ -101,7 +101,7 @@ def drawn(kind):
     return problem, belief, target, decoy_grid(problem, 8)
 
 
-@pytest.mark.parametrize(("kind", "which"), some(list(product(KINDS, range(5))), 4))
+@pytest.mark.parametrize(("kind", "which"), some(list(product(KINDS, range(5))), 6))
 def test_all_measures_and_decision_makers_work_on_them(kind, which):
     problem, belief, target, candidates = drawn(kind)
     measure = [MaximalObfuscation(), DesiredObfuscation(target), NonExistence(), NonUniqueness(), Infeasibility()][

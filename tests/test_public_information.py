@@ -215,7 +215,7 @@ class Told:
 
 @pytest.mark.parametrize(
     ("kind", "n_symbols", "lag"),
-    some([(*each, lag) for each in (("sensor", 2), ("part", 3)) for lag in (0, 1, 2, 4)], 3),
+    some([(*each, lag) for each in (("sensor", 2), ("part", 3)) for lag in (0, 1, 2, 4)], 6),
 )
 def test_what_paths_tell_is_that_of_enumeration(
     monkeypatch: pytest.MonkeyPatch, kind: str, n_symbols: int, lag: int
@@ -314,7 +314,7 @@ def quadrature(world: HiddenMarkovModel, read: np.ndarray, columns: list[int]) -
     return np.asarray((total[:, :, None] * held).sum(axis=(0, 1)) / total.sum())
 
 
-@pytest.mark.parametrize("kind", ["part", "sensor"])
+@pytest.mark.parametrize("kind", some(["sensor", "part"], 2))
 def test_particles_of_real_sensors_are_within_their_sampling_error(kind: str) -> None:
     rng = np.random.default_rng([SEED, 3])
     world, n_particles = real_world(kind), 3000

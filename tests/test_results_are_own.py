@@ -90,7 +90,7 @@ def assert_own(ask: Callable[[], Any]) -> None:
         np.testing.assert_array_equal(before[name], after[name], err_msg=name)
 
 
-@pytest.mark.parametrize("n_states", some([2, 3, 4], 2))
+@pytest.mark.parametrize("n_states", some([2, 3, 4], 3))
 def test_scaling_a_result_changes_no_later_one(n_states: int, fresh_rng: np.random.Generator) -> None:
     problem = market(fresh_rng, n_states)
     beliefs = np.vstack([np.full(n_states, 1.0 / n_states), fresh_rng.dirichlet(np.ones(n_states), 2)])

@@ -25,6 +25,7 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.adversaries.inverse_filter import InverseFilter
+from sizes import some
 from strategies import random_world
 
 EXACT = 1e-12
@@ -250,7 +251,7 @@ def test_a_finer_grid_comes_nearer_to_the_exact_filter() -> None:
     assert gaps[2] < 2e-4
 
 
-@pytest.mark.parametrize("smoothed", [False, True])
+@pytest.mark.parametrize("smoothed", some([False, True], 2))
 def test_particles_approach_the_exact_law(smoothed: bool) -> None:
     rng = np.random.default_rng(17)
     world = HiddenMarkovModel([[0.8, 0.2], [0.3, 0.7]], CategoricalEmission([[0.7, 0.3], [0.4, 0.6]]))
@@ -536,7 +537,7 @@ def test_a_tolerance_keeps_a_coarse_grid_on_the_track() -> None:
         assert found.error_of(held) < 2 * found.interpolation_error.mean()
 
 
-@pytest.mark.parametrize(("scale", "gain"), [(0.1, 0.03), (0.4, 0.0)])
+@pytest.mark.parametrize(("scale", "gain"), some([(0.1, 0.03), (0.4, 0.0)], 2))
 def test_a_tolerance_does_little_harm_where_the_grid_leads_astray(
     scale: float, gain: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -32,6 +32,7 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.mechanisms.chains import BeliefChain, filtered_chain
+from sizes import some
 
 SEED = int(os.environ.get("FRESH_SEED", "0"))
 GUESS = FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
@@ -222,7 +223,7 @@ def test_a_late_rule_is_calibrated_with_what_is_read() -> None:
     assert_a_path_has_its_figures(maker, chain, rng)
 
 
-@pytest.mark.parametrize("kind", ["sensor", "part"])
+@pytest.mark.parametrize("kind", some(["sensor", "part"], 2))
 def test_real_numbers_are_read_as_cells_with_the_error_that_is_stated(kind: str) -> None:
     rng = np.random.default_rng([SEED, 12])
     sensor = GaussianEmission([[0.0, 0.0], [1.0, 2.0]], [np.eye(2), np.eye(2)])

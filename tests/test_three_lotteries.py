@@ -145,7 +145,7 @@ def market_problem(seed: int, n_assets: int, spread: bool) -> MarkowitzProblem:
     return MarkowitzProblem(*drawn_market(seed, n_assets, spread))
 
 
-@pytest.mark.parametrize(("n_assets", "spread"), some(MARKETS, 2))
+@pytest.mark.parametrize(("n_assets", "spread"), some(MARKETS, 4))
 def test_a_lottery_is_as_good_as_a_grid_much_finer(n_assets: int, spread: bool) -> None:
     problem = market_problem(1, n_assets, spread)
     few = 100 if audited() else 50
@@ -183,7 +183,7 @@ def test_a_lottery_is_what_the_adversary_sees_and_no_worse_than_a_single_decisio
 
 
 @pytest.mark.parametrize(
-    ("n_assets", "spread", "sign"), some([(*each, sign) for each in MARKETS for sign in (1.0, -1.0)], 3)
+    ("n_assets", "spread", "sign"), some([(*each, sign) for each in MARKETS for sign in (1.0, -1.0)], 5)
 )
 def test_the_order_of_beliefs_does_not_matter(n_assets: int, spread: bool, sign: float) -> None:
     problem = market_problem(4, n_assets, spread)

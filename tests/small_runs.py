@@ -16,7 +16,7 @@ import pytest
 import inscrutable.reports
 from inscrutable.decision_makers import local_search
 from inscrutable.decision_makers.sequential import calibration, rule
-from inscrutable.experiments import backtest_aware, backtest_sequential, comparison_watchers, silence
+from inscrutable.experiments import backtest, backtest_aware, backtest_sequential, comparison_watchers, silence
 from inscrutable.experiments.studies import reproduction_tasks
 from inscrutable.worlds import gaussian_fit
 from inscrutable.worlds.baum_welch import Climb, Standardised
@@ -162,4 +162,13 @@ def repeated_fits() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gaussian_fit, "_restart", once)
+        yield
+
+
+@contextmanager
+def few_starts(most: int = 3) -> Iterator[None]:
+    """A backtest's fit has few starting points; for tests that hold figures of the same largest likelihood."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(backtest, "RESTARTS", most)
+        patch.setattr(backtest, "_LEAST_RESTARTS", most)
         yield

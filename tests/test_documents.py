@@ -34,14 +34,20 @@ from matplotlib.figure import Figure
 from inscrutable import cli
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
-from small_runs import coarse_rivals, learned_from_few, repeated_fits
+from small_runs import coarse_rivals, few_starts, learned_from_few, repeated_fits
 
 ROOT = Path(__file__).resolve().parent.parent
 MADE = ROOT / "docs" / "made"
 PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")] + sorted(
     page for page in ROOT.glob("docs/**/*.md") if MADE not in page.parents
 )
-LONG_SCRIPTS = ("7_worth_to_others.py", "herding.py")  # left to the pages that `make audit` makes
+LONG_SCRIPTS = (
+    "7_over_time.py",
+    "7_worth.py",
+    "7_worth_to_others.py",
+    "herding.py",
+    "kelly_bettor.py",
+)  # left to the pages that `make audit` makes
 SCRIPTS = sorted(
     script
     for script in [*ROOT.glob("docs/concepts/*.py"), *ROOT.glob("examples/*.py")]
@@ -49,9 +55,8 @@ SCRIPTS = sorted(
 )
 FENCE = re.compile(r"^```(\w*)([^\n]*)\n(.*?)^```[ \t]*$", re.M | re.S)
 LINK = re.compile(r"\]\((?!https?://|mailto:|#)([^)#\s]+)")
-ROUGH = (
-    "docs/own-portfolio.md",
-)  # shows no figure of an observer of its backtest, who is a coarse one but in `make audit`
+ROUGH = ("docs/commands.md", "docs/own-portfolio.md", "docs/start-here.md")
+"""Outside blocks of the audit these show no figure of an aware observer, who is a coarse one but in `make audit`."""
 SET_UP = ("git", "cd", "pip", "python3", "source", "open")  # what a reader types before and after, not ours to run
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 
@@ -175,8 +180,8 @@ def check_page(text: str, page: str, folder: Path, *, audit: bool) -> None:
 
 @pytest.fixture(scope="module")
 def fitted_once() -> Iterator[None]:
-    """Several pages begin with the same backtest."""
-    with repeated_fits():
+    """Several pages begin with the same backtest, whose fit does not need all its starting points."""
+    with repeated_fits(), few_starts():
         yield
 
 

@@ -166,8 +166,8 @@ def repeated_fits() -> Iterator[None]:
 
 
 @contextmanager
-def few_starts(most: int = 3) -> Iterator[None]:
-    """A backtest's fit has few starting points; for tests that hold figures of the same largest likelihood."""
+def few_starts(most: int = 7) -> Iterator[None]:
+    """A backtest's fit has few starting points; for pages whose figures are those of the likeliest of the first seven."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(backtest, "RESTARTS", most)
         patch.setattr(backtest, "_LEAST_RESTARTS", most)

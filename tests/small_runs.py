@@ -59,11 +59,11 @@ def coarse_rivals(beliefs: int = 60, draws: int = 1) -> Iterator[None]:
 
 
 @contextmanager
-def short_simulations() -> Iterator[None]:
-    """Prices of sequential rules are found from a quarter of the steps."""
+def short_simulations(steps: int = 80, last: int = 250) -> Iterator[None]:
+    """Prices of sequential rules are found from a quarter of the steps, or fewer."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibration, "_FINE", 80)
-        patch.setattr(calibration, "_LAST", 250)
+        patch.setattr(calibration, "_FINE", steps)
+        patch.setattr(calibration, "_LAST", last)
         yield
 
 

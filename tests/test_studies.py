@@ -739,6 +739,7 @@ def test_worker_processes_leave_interrupts_to_the_first_one() -> None:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+@pytest.mark.audit  # that workers do not hear it, and what is said and kept, is tested above
 def test_an_interrupt_to_all_processes_is_told_once_and_resumed(tmp_path: Path) -> None:
     """As a terminal's Ctrl-C does, once the first rows have come."""
     file, out = tmp_path / "study.toml", tmp_path / "out"

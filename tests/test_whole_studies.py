@@ -323,7 +323,8 @@ def test_ctrl_c_loses_nothing(
 
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
-    ("verb", "drawing", "late"), [(REPRODUCE, "write_reproduction", False), (COMPARE, "write_comparison", True)]
+    ("verb", "drawing", "late"),
+    some([(REPRODUCE, "write_reproduction", False), (COMPARE, "write_comparison", True)], 2),
 )
 def test_ctrl_c_while_drawing_loses_no_task(
     verb: list[str],

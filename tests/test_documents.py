@@ -34,6 +34,7 @@ from matplotlib.figure import Figure
 from inscrutable import cli
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
+from inscrutable.reports import backtest as backtest_reports
 from small_runs import coarse_rivals, few_starts, learned_from_few, repeated_fits
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -191,6 +192,7 @@ def fitted_once() -> Iterator[None]:
 @pytest.mark.usefixtures("undrawn", "unpaged", "fitted_once")
 def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(backtest_reports, "draw_backtest", lambda *_, **__: [])  # test_backtest_plots.py draws
     check_page(page.read_text("utf-8"), page.relative_to(ROOT).as_posix(), tmp_path, audit=False)
 
 

@@ -80,7 +80,7 @@ def short_searches() -> Iterator[None]:
     minimize = local_search.minimize
 
     def short(*given: Any, **more: Any) -> Any:
-        return minimize(*given, options={"maxiter": 8}, **more)
+        return minimize(*given, options={"maxiter": 2}, **more)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(local_search, "minimize", short)

@@ -167,7 +167,7 @@ def repeated_fits() -> Iterator[None]:
 
 @contextmanager
 def few_starts(most: int = 7) -> Iterator[None]:
-    """A backtest's fit has few starting points; for pages whose figures are those of the likeliest of the first seven."""
+    """A backtest's fit has few starts: those of the first seven give the pages' figures; other tests judge no fit."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(backtest, "RESTARTS", most)
         patch.setattr(backtest, "_LEAST_RESTARTS", most)

@@ -376,7 +376,6 @@ def test_duplicated_and_constant_assets_work() -> None:
 
 
 @pytest.mark.audit  # the shipped run; docs/commands.md shows figures of these regimes
-@pytest.mark.usefixtures("coarse")
 def test_default_fit_has_three_recurring_regimes() -> None:
     """With the default number of restarts the regimes are the same for every seed, and each occurs after 1990."""
     data = load_industry_returns()

@@ -181,9 +181,8 @@ def first_steps(page: Path, folder: Path) -> None:
     folder.mkdir(parents=True)
     names: dict[str, object] = {"__name__": "__main__"}
     program = Path(sys.executable).with_name("inscrutable")
-    blocks = re.findall(
-        r"^```(\w+)\n(.*?)^```$", page.read_text("utf-8"), re.M | re.S
-    )
+    shown = re.sub(r"<!--.*?-->", "", page.read_text("utf-8"), flags=re.S)
+    blocks = re.findall(r"^```(\w+)(?: audit)?\n(.*?)^```$", shown, re.M | re.S)
     with contextlib.chdir(folder):
         for language, text in blocks:
             if language == "python":

@@ -20,7 +20,7 @@ from hypothesis import settings
 
 from inscrutable import cli, cli_compare
 from sizes import audited
-from small_runs import coarse_rivals, nothing_painted, repeated_fits, short_simulations
+from small_runs import coarse_rivals, few_starts, nothing_painted, repeated_fits, short_simulations
 
 # Where a test asks for all cores it gets one: two test processes share two, and worker processes take seconds to start.
 # Tests of several processes ask for two.
@@ -72,8 +72,8 @@ def undrawn() -> Iterator[None]:
 
 @pytest.fixture
 def coarse() -> Iterator[None]:
-    """Rivals of a backtest on few beliefs, prices from short simulations, and the same fit of a test's backtests once."""
-    with coarse_rivals(), short_simulations(), repeated_fits():
+    """Rivals of a backtest on few beliefs, prices from short simulations, and fits from few starts, the same one once."""
+    with coarse_rivals(), short_simulations(), few_starts(2), repeated_fits():
         yield
 
 

@@ -16,7 +16,7 @@ import pytest
 import inscrutable.reports
 from inscrutable.decision_makers import local_search
 from inscrutable.decision_makers.sequential import calibration, rule
-from inscrutable.experiments import backtest_aware, backtest_sequential, comparison_watchers, silence
+from inscrutable.experiments import backtest, backtest_aware, backtest_sequential, comparison_watchers, silence
 from inscrutable.experiments.studies import reproduction_tasks
 from inscrutable.worlds import gaussian_fit
 from inscrutable.worlds.baum_welch import Climb, Standardised
@@ -59,11 +59,11 @@ def coarse_rivals(beliefs: int = 60, draws: int = 1) -> Iterator[None]:
 
 
 @contextmanager
-def short_simulations() -> Iterator[None]:
-    """Prices of sequential rules are found from a quarter of the steps."""
+def short_simulations(steps: int = 80, last: int = 250) -> Iterator[None]:
+    """Prices of sequential rules are found from a quarter of the steps, or fewer."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibration, "_FINE", 80)
-        patch.setattr(calibration, "_LAST", 250)
+        patch.setattr(calibration, "_FINE", steps)
+        patch.setattr(calibration, "_LAST", last)
         yield
 
 
@@ -80,7 +80,7 @@ def short_searches() -> Iterator[None]:
     minimize = local_search.minimize
 
     def short(*given: Any, **more: Any) -> Any:
-        return minimize(*given, options={"maxiter": 8}, **more)
+        return minimize(*given, options={"maxiter": 2}, **more)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(local_search, "minimize", short)
@@ -162,4 +162,13 @@ def repeated_fits() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gaussian_fit, "_restart", once)
+        yield
+
+
+@contextmanager
+def few_starts(most: int = 7) -> Iterator[None]:
+    """A backtest's fit has few starts: those of the first seven give the pages' figures; other tests judge no fit."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(backtest, "RESTARTS", most)
+        patch.setattr(backtest, "_LEAST_RESTARTS", most)
         yield

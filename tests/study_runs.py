@@ -95,9 +95,9 @@ def deadly(marks: Path, work: Work, numbers: list[int]) -> list[Row]:
     It stands here because a worker imports the module that it stands in.
     """
     once = marks / "once"
-    if 2 in numbers and not once.exists():
+    if 1 in numbers and not once.exists():
         once.touch()
         dead()
-    if 5 in numbers:
+    if 3 in numbers:
         dead()
     return chunk_of_rows(work, numbers)

@@ -46,7 +46,7 @@ def runs() -> dict[str, Backtest]:
         "private": BesideReturns(private=signal()),
         "fear": BesideReturns(sentiment()),
     }
-    with coarse_rivals(), repeated_fits():
+    with coarse_rivals(20), repeated_fits():
         return {name: run(RETURNS, beside=each) for name, each in options.items()}
 
 

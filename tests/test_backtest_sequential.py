@@ -43,7 +43,7 @@ def market() -> pd.DataFrame:
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse() -> Iterator[None]:
-    with coarse_rivals(120, 2), short_simulations():
+    with coarse_rivals(120, 2), short_simulations(20, 100):
         yield
 
 

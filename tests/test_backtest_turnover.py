@@ -16,7 +16,7 @@ from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_bac
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.own_model import LimitsPart, OwnModel
 from inscrutable.reports.backtest import text_of, write_backtest
-from small_runs import short_simulations
+from small_runs import coarse_rivals, short_simulations
 
 LIMIT = 0.08
 
@@ -76,7 +76,7 @@ def test_an_observer_reads_it_with_the_model_that_is_kept(found: Backtest, tmp_p
 
 @pytest.mark.usefixtures("undrawn")
 def test_the_sequential_rule_keeps_the_limit_and_its_observer_follows_it(tmp_path: Path) -> None:
-    with short_simulations():
+    with coarse_rivals(), short_simulations(20, 100):
         found = backtest(0.6, sequential=True)
     weights, record = found.weights("SDM").to_numpy(), found.episode.records["SDM"]
     assert np.abs(np.diff(weights, axis=0)).sum(axis=1).max() <= 0.6 + 1e-9

@@ -17,7 +17,7 @@ from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_bac
 from inscrutable.experiments.rivals import RIVAL, loss_of
 from inscrutable.reports.backtest import files_told, text_of, write_backtest
 from inscrutable.reports.backtest_verdict import cautions, limits, nothing_to_hide, verdict
-from small_runs import coarse_rivals, repeated_fits
+from small_runs import coarse_rivals, few_starts, repeated_fits
 
 N_TRAINING, N_DECISIONS = 66, 14
 SETTINGS = BacktestSettings(regimes=2, train_until="2006-06", sequential=False)
@@ -25,7 +25,7 @@ SETTINGS = BacktestSettings(regimes=2, train_until="2006-06", sequential=False)
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse() -> Iterator[None]:
-    with coarse_rivals(), repeated_fits():
+    with coarse_rivals(), few_starts(2), repeated_fits():
         yield
 
 

@@ -378,6 +378,7 @@ def test_backtest_then_attack_then_protect(run, folder: Path, tmp_path: Path) ->
     assert "bull is calm, bear is turbulent" in err
 
 
+@pytest.mark.audit  # test_whole_studies.py reads what the same command writes
 @pytest.mark.usefixtures("undrawn", "unpaged")
 def test_reproduce_judges_the_claims(run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     sizes = ("--markets", 2, "--simulations", 2, "--steps", 2, "--resolution", 5, "--jobs", 1)

@@ -20,7 +20,7 @@ GRID = 8
 
 @pytest.fixture(scope="module")
 def found() -> Backtest:
-    with pytest.MonkeyPatch.context() as patch, short_simulations():
+    with pytest.MonkeyPatch.context() as patch, short_simulations(20, 100):
         patch.setattr(backtest_sequential, "_MOST_BELIEFS", GRID)
         return backtest(2, None, beliefs=20, sequential=True)
 

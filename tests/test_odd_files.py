@@ -44,6 +44,7 @@ from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.own_model import LimitsPart, OwnModel, investor_of
 from inscrutable.experiments.silence import budget_in
 from inscrutable.problems.magnitudes import MagnitudeRegion
+from sizes import some
 
 ASSETS = ["Oil", "Food", "Tech"]
 MODEL = """
@@ -558,7 +559,7 @@ def test_numbers_without_their_last_zeros_have_the_digits_of_the_others(tmp_path
 
 def test_decisions_of_any_number_of_digits_are_read(fresh_rng):
     """At the corners of the simplex regrets of beliefs far away are as small as those that rounding can cause."""
-    for seed in (0, 3, 8, 13, fresh_rng):
+    for seed in (*some((0, 3, 8, 13), 2), fresh_rng):
         rng = np.random.default_rng(seed)
         factors = rng.normal(size=(2, 4, 4))
         covariances = 0.01 * (factors @ factors.transpose(0, 2, 1) / 4 + 0.3 * np.eye(4))

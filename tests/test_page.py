@@ -46,6 +46,7 @@ from inscrutable.reports.page import (
 )
 from inscrutable.reports.page.budget_sweep import BudgetSweep
 from inscrutable.reports.page.writing import embedded
+from sizes import some
 from small_runs import coarse_rivals, learned_from_few
 
 EVIL = "<script>alert(1)</script>"
@@ -601,7 +602,7 @@ def test_command_line_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixt
         ],
         "compare": ["--resolution", "2", "--budgets", "silence:0.5", "--makers", "CDM,coin"],
     }
-    for verb, arguments in asked.items():
+    for verb, arguments in some(list(asked.items()), 2):
         assert cli.main([verb, *arguments, "--out", str(tmp_path / verb), "--seed", "0", "-q"]) == 0
         assert "report.html" in capsys.readouterr().out
         read = Reader(tmp_path / verb / "report.html")

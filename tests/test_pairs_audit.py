@@ -21,6 +21,7 @@ from inscrutable.experiments.audit import PairsAudit, pairs_audit
 from inscrutable.experiments.audit.bounds import autocorrelations, design_effect, mean_limit, memory, share_limit
 from inscrutable.experiments.audit.forward import best_before, blocks, learn_forward
 from inscrutable.reports.audit import audit_table, write_audit
+from sizes import instances
 
 pytest.importorskip("sklearn", reason="the learners come with the [audit] extra")
 
@@ -304,10 +305,11 @@ def test_nothing_found_claims_nothing_and_says_what_would_have_been() -> None:
 
 def test_many_secrets_are_judged_together() -> None:
     rng = np.random.default_rng(8)
-    secrets, published = rng.normal(size=(150, 8)), rng.normal(size=(150, 2))
-    published[:, 0] += secrets[:, 5]
+    number = instances(8, least=4)
+    secrets, published = rng.normal(size=(150, number)), rng.normal(size=(150, 2))
+    published[:, 0] += secrets[:, 3]
     found = audit_pairs(secrets, published, shifts=19)
-    assert [each.is_found for each in found.secrets] == [k == 5 for k in range(8)]
+    assert [each.is_found for each in found.secrets] == [k == 3 for k in range(number)]
     alone = audit_pairs(secrets[:, 0], published, shifts=19).secrets[0]
     assert found.secrets[0].p_value >= alone.p_value
     assert found.secrets[0].error_limit >= alone.error_limit

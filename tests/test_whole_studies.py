@@ -105,8 +105,8 @@ def parts(run: MarketRun) -> dict[str, object]:
 
 
 def test_the_comparison_is_the_librarys_own(tmp_path: Path) -> None:
-    """Decision makers of every kind; in `make audit` all of them."""
-    settings, makers = ComparisonSettings(budgets=(0.6,), repeats=(1, 5), draws=20), tuple(some(list(COMPARED), 2))
+    """A few decision makers; in `make audit` all of them."""
+    settings, makers = ComparisonSettings(budgets=(0.6,), repeats=(1, 5), draws=20), tuple(some(list(COMPARED), 4))
     market = market_of("paper", 2, 7)
     study = comparison_study(settings, makers, market="paper", resolution=2, seed=7)
     told: list[str] = []
@@ -323,7 +323,8 @@ def test_ctrl_c_loses_nothing(
 
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
-    ("verb", "drawing", "late"), [(REPRODUCE, "write_reproduction", False), (COMPARE, "write_comparison", True)]
+    ("verb", "drawing", "late"),
+    some([(REPRODUCE, "write_reproduction", False), (COMPARE, "write_comparison", True)], 2),
 )
 def test_ctrl_c_while_drawing_loses_no_task(
     verb: list[str],

@@ -291,3 +291,9 @@ def test_it_can_be_saved_and_read(tmp_path):
     assert Leakage.load(tmp_path / "found.npz").summary() == found.summary() == repr(found)
     assert "5 beliefs, 5 played decisions" in found.summary()
     assert "2.3219 of 2.3219 bits" in found.summary()
+
+
+def test_regrets_count_as_they_are_stated_where_a_decision_is_listed_twice() -> None:
+    twice = Mechanism(np.eye(2), [[0.5, 0.5], [0.5, 0.5]], np.full((2, 2), 0.5), [[0.0, 1.0], [0.0, 3.0]])
+    found = leakage(twice, Prior(np.eye(2), [0.5, 0.5]))
+    assert (found.expected_regret, found.worst_regret, found.worst_expected_regret) == (1.0, 3.0, 1.5)

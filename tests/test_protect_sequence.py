@@ -288,6 +288,35 @@ def test_the_command_keeps_a_limit_on_turnover(small, tmp_path: Path, capsys: py
     assert np.abs(np.diff(published, axis=0)).sum(axis=1).max() <= 0.6 + 1e-9
     assert main([*call, "--turnover", "0.5"]) == 3
     assert "another limit on turnover" in capsys.readouterr().err
+    dates = pd.date_range("2024-01-31", periods=len(published), freq="ME")
+    pd.DataFrame(published, dates, list(ASSETS)).to_csv(tmp_path / "published.csv")
+    ask = ["attack", "--model", str(file), "--weights", str(tmp_path / "published.csv"), "--mechanism", "sequential"]
+    assert main([*ask, "--state", str(state), "--turnover", "0.6", "--digits", "17", "--json"]) == 0
+    read = json.loads(capsys.readouterr().out)
+    assert [row["reading"] for row in read["over_time"]] == ["used"] * len(published)
+
+
+def test_what_may_be_wrong_about_an_observer_is_in_the_summary(small, tmp_path, capsys) -> None:
+    _, file, state, _ = small
+    copy = Path(shutil.copy(state, tmp_path / "state"))
+    pd.DataFrame([[0.1, 0.1, 0.8]], pd.DatetimeIndex(["2024-01-31"]), list(ASSETS)).to_csv(tmp_path / "published.csv")
+    ask = ["attack", "--model", str(file), "--weights", str(tmp_path / "published.csv"), "--mechanism", "sequential"]
+    assert main([*ask, "--state", str(copy), "--json"]) == 0
+    assert "the rule plays nothing near" in json.loads(capsys.readouterr().out)["cautions"][0]
+
+
+def test_a_sequence_goes_on_with_the_labels_that_it_began_with(small, tmp_path: Path) -> None:
+    """Costs that are alike for other labels are those of another problem."""
+    model, _, state, _ = small
+    copy = Path(shutil.copy(state, tmp_path / "state"))
+    names = HiddenMarkovModel(model.world.transition, GaussianEmission(MEANS, SPREADS), names=REGIMES[::-1])
+    plain = MarkowitzProblem(MEANS, SPREADS, 4.0)
+    for assets, regimes, world in ((("B", "A", "C"), REGIMES, model.world), (ASSETS, REGIMES[::-1], names)):
+        other = InvestorModel(world, plain, assets, regimes, Budget.regret(2e-4), "made for a test")
+        with pytest.raises(
+            InputError, match=r"of another problem: it has the (assets A, B, C|states calm, turbulent), not"
+        ):
+            protect_step(other, BELIEF, copy)
 
 
 def test_the_command_publishes_once(small, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -228,3 +228,23 @@ def test_standard_errors_hold_for_a_prior_with_a_rare_belief(rare):
     for seed in range(20):
         found = repeated_leakage(played, Prior(beliefs, weights), 2, rng=np.random.default_rng(seed), n_draws=1000)
         assert found.bayes_error[0] == pytest.approx(exact, abs=5 * found.error_se[0])
+
+
+@pytest.mark.parametrize("n_draws", [10, 100])
+def test_intervals_of_few_draws_hold_the_figures(n_draws, fresh_rng):
+    """Few distinct sequences are drawn, which the control variates fit exactly; the fit's errors were of rounding size."""
+    weights, table = (
+        [0.4434, 0.5116, 0.045],
+        np.array([[0.0, 0.086, 0.914], [0.859, 0.133, 0.008], [0.853, 0.036, 0.111]]),
+    )
+    played, prior = Mechanism(np.eye(3), np.arange(3.0)[:, None], table, np.zeros((3, 3))), Prior(np.eye(3), weights)
+    sequences = all_sequences(table.tolist(), 5)
+    exact = np.array(
+        [oracle.mutual_information(weights, sequences), oracle.bayes_error(weights, sequences, np.eye(3).tolist())]
+    )
+    held = np.zeros(2)
+    for _ in range(100):
+        found = repeated_leakage(played, prior, 5, rng=fresh_rng, n_draws=n_draws)
+        figures = np.array([found.mutual_information[0], found.bayes_error[0]])
+        held += np.abs(figures - exact) <= 1.96 * np.array([found.information_se[0], found.error_se[0]])
+    assert held.min() >= 70

@@ -145,6 +145,10 @@ def test_the_observer_holds_what_the_decisions_shown_tell(
         else:
             assert np.abs(lottery.actions[0] - own[places[t]]).max() < 1e-9
             assert lottery.expected_regret == pytest.approx(0.0, abs=1e-12)
+            known = sequence.mechanism
+            played = known.probabilities.toarray()[places[t]].argmax()
+            assert np.abs(known.actions[played] - own[places[t]]).max() < 1e-9
+            assert known.expected_regrets.max() == pytest.approx(0.0, abs=1e-12)
         sequence.publish(action)
         assert np.abs(sequence.observer.weights - law).max() < 1e-6
         laws.append(law)

@@ -31,7 +31,7 @@ def test_the_audit_asks_for_all_and_takes_every_module_that_draws_a_part(monkeyp
         SimpleNamespace(path=Path(f"test_{name}.py"), module=modules[name], add_marker=marks[name].append)
         for name in marks
     ]
-    for settings, marked in (({}, []), (audit.settings(), ["audit"])):
+    for settings, marked in (({}, []), (audit.settings(2), ["audit"])):
         monkeypatch.delenv(AUDIT, raising=False)
         for name, value in settings.items():
             monkeypatch.setenv(name, value)

@@ -247,6 +247,20 @@ def test_a_study_goes_on_with_the_same_source_alone(module, tmp_path):
     assert found.equals(whole)
 
 
+def test_a_part_is_known_by_the_module_that_defines_it(module, tmp_path):
+    """A package that only imports its parts stays as it is where they change."""
+    (tmp_path / "library" / f"{module}_all.py").write_text(f"from {module} import played")
+    plan = {"name": "s", "measures": "played", "decision_makers": "ODM", "world": {"kind": "random"}}
+    plan |= {"beliefs": {"kind": "grid", "resolution": 4}, "candidates": {"resolution": 4}}
+    found = []
+    for text in (MODULE, MODULE + "# a remark\n", MODULE.replace("/ len(prior)", "* len(prior)")):
+        (tmp_path / "library" / f"{module}.py").write_text(text)
+        for name in (module, f"{module}_all"):
+            sys.modules.pop(name, None)
+        found.append(Study.of(plan, extensions=[f"{module}_all:played"]).extensions[0].sha256)
+    assert found[0] == found[1] != found[2]
+
+
 def test_the_command_line_takes_extensions(module, tmp_path):
     (tmp_path / "study.toml").write_text(
         'name = "s"\ndecision_makers = "Shrinking"\nmeasures = "played"\nworld = {kind = "random"}\n'

@@ -77,11 +77,16 @@ class AttackOverTime:
         """Return the observer's mean figures, and how many rows the rule does not play."""
         found = self.inferred
         played = f"{self.rule}, {self.budget}" if self.budget else self.rule
-        lines = [
+        figures = (
             f"If the rule ({played}) and the model are the true ones, the aware observer errs by {self.expected_error:.3f}, "
             f"root mean square; without weights by {self.prior_error:.3f}, in the long run. It gives the likeliest regime a "
             f"probability of {found.mean.max(axis=1).mean():.2f} on average."
-        ]
+        )
+        return "\n".join([figures, *self.cautions()])
+
+    def cautions(self) -> list[str]:
+        """Return what may be wrong about rule, model or rows."""
+        found, lines = self.inferred, list[str]()
         lost = self.attack.count(Reading.IMPLAUSIBLE)
         if self.n_off:
             lines.append(
@@ -103,7 +108,7 @@ class AttackOverTime:
                 f"Caution: {lost} of the {len(found)} rows are explained by no belief of this model, so that this observer's "
                 "figures say little: the investor follows another rule or another model."
             )
-        return "\n".join(lines)
+        return lines
 
     def lines(self) -> pd.DataFrame:
         """Return the same as text."""
@@ -221,7 +226,8 @@ def _mechanism(
     if state is None or not Path(state).exists():
         raise InputError("the sequential rule's prices are in the file of its sequence: give one that protect has made")
     limit = sequence_budget(model, chain.prior, Path(state)) if given is None else given
-    sequence = SequentialDecisionMaker(problem, limit, chain=chain, rng=np.random.default_rng(0)).begin()
+    source = np.random.default_rng(_SEED)
+    sequence = SequentialDecisionMaker(problem, limit, chain=chain, turnover=model.turnover, rng=source).begin()
     try:
         return sequence.load(state)
     finally:

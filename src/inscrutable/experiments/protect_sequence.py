@@ -14,6 +14,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
+from inscrutable.axes import Axis
 from inscrutable.budgets import Budget, SilenceShare, as_budget
 from inscrutable.datasets import crowded_months
 from inscrutable.decision_makers import DecisionSequence, MixedDecision, SequentialDecisionMaker
@@ -25,6 +26,7 @@ from inscrutable.experiments.investor_model import BASIS_POINTS, InvestorModel, 
 from inscrutable.experiments.silence import chain_of
 from inscrutable.mechanisms import Prior
 from inscrutable.privacy.leaks import silence_regret
+from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
 
 _LEAST_SHOWN = 0.0005  # a weight below this is 0.0 per cent
@@ -255,7 +257,7 @@ def protect_step(
         [0.5 0.5] 0.0
     """
     checked_model(model)
-    problem, path = model.problem, Path(state)
+    problem, path = _labelled(model), Path(state)
     held = validation.one_belief(belief, problem.n_states, names=model.regimes)
     source = np.random.default_rng() if rng is None else validation.generator(rng)
     dates = _dates_of(periods)
@@ -280,6 +282,15 @@ def protect_step(
         return replace(step, n_skipped=skipped, is_dated=bool(dates), revised=revised)
     finally:
         sequence.close()
+
+
+def _labelled(model: InvestorModel) -> MarkowitzProblem:
+    """The model's problem with its labels, which the file keeps."""
+    plain = model.problem
+    region = plain.constraints.in_order(Axis("asset", model.assets))
+    problem = MarkowitzProblem(plain.means, plain.covariances, plain.risk_aversion, region)
+    problem.state_names = model.regimes
+    return problem
 
 
 def sequence_budget(model: InvestorModel, prior: Prior, path: Path) -> Budget:

@@ -160,11 +160,10 @@ def leakage(
         >>> found.mutual_information, found.expected_regret
         (0.0, 0.2)
     """
-    played = joint_law(mechanism, prior)
     shown = single_decisions(Disclosure.of(disclosure), "leakage")
-    joint = joint_law(disclosed(mechanism, shown), prior) if shown.maps else played
+    joint = joint_law(disclosed(mechanism, shown) if shown.maps else mechanism, prior)
     held, weights = joint.weights > 0, joint.weights
-    regrets = np.asarray(mechanism.regrets)[played.row, played.column]
+    regrets, (row, column) = mechanism.expected_regrets, mechanism.sparse[held].nonzero()
     mean = weights @ joint.beliefs
     spread = float(weights @ ((joint.beliefs - mean) ** 2).sum(axis=1))
     by_belief = joint.by_belief(joint.squared_errors)[held]
@@ -177,15 +176,15 @@ def leakage(
         top_state_accuracy=_share(top.max(axis=1).sum()),
         min_entropy_leakage=_bits(best_guess),
         maximal_leakage=_bits(joint.largest_by_action(joint.conditional).sum()),
-        expected_regret=float(played.mass @ regrets),
-        worst_regret=float(regrets.max()),
+        expected_regret=float(weights @ regrets),
+        worst_regret=float(mechanism.regrets[held][row, column].max()),
         prior_entropy=entropy(weights),
         prior_top_state_accuracy=_share((weights @ joint.top_states).max()),
         n_beliefs=int(held.sum()),
         n_actions=int((joint.played > 0).sum()),
         least_error=float(np.sqrt(by_belief.min())),
         largest_error=float(np.sqrt(by_belief.max())),
-        worst_expected_regret=float(played.by_belief(regrets)[held].max()),
+        worst_expected_regret=float(regrets[held].max()),
         silence_regret=float("nan") if problem is None else silence_regret(problem, joint.beliefs, weights),
         pointwise_leakage=_bits((joint.conditional / joint.played[joint.column]).max()),
         **_worths(joint, problem, loss),

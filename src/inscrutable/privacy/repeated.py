@@ -23,8 +23,6 @@ _BLOCK = 2**21
 _MANY = 0.1
 """Share of nonzero entries from which a table is multiplied as a dense one."""
 _LEAST_DRAWS = 10
-_FEW = 3
-"""Draws unlike the others from which the spread is trusted: where this number is expected, 5 % of samples have none."""
 SIDE = 1.96
 """Standard errors to either side of a 95 % interval."""
 
@@ -41,8 +39,8 @@ class RepeatedLeakage(Summarised, Saved):
         bayes_error: √E‖π − E[π|u_1..u_n]‖², Euclidean, in units of belief, shape (S,).
         top_state_accuracy: How often the best guess of a most likely state is right, shape (S,).
         information_se: Standard errors of the sampled figures, shape (S,); 0 where exact: at n = 1, and without
-            randomisation. Where fewer than three draws differ from the others they are at least 1/n_draws of the difference
-            that infinitely many decisions make: rarer sequences may not be drawn.
+            randomisation; otherwise at least 1/n_draws of the difference that infinitely many decisions make, because rarer
+            sequences may not be drawn.
         error_se: Those of the Bayes error.
         accuracy_se: Those of the accuracy.
         prior_entropy: Entropy of the belief before any decision, in bits.
@@ -175,12 +173,9 @@ def repeated_leakage(
 
 
 def _averages(sampled: _Sampled, unseen: Array) -> tuple[Array, Array]:
-    """Means of the three figures and their standard errors, with control variates; the errors are at least `unseen` where
-    almost all draws are alike."""
-    values = np.array(sampled[:3]).T
-    means, errors = adjusted_means(values, np.array(sampled[3:]).T)
-    others = np.abs(values - np.median(values, axis=0)) > tolerances.PROBABILITY
-    return np.maximum(means, 0.0), np.where(others.sum(axis=0) < _FEW, np.maximum(errors, unseen), errors)
+    """Means of the three figures and their standard errors, with control variates; the errors are at least `unseen`."""
+    means, errors = adjusted_means(np.array(sampled[:3]).T, np.array(sampled[3:]).T)
+    return np.maximum(means, 0.0), np.maximum(errors, unseen)
 
 
 def _rising(n_steps: Any) -> list[int]:

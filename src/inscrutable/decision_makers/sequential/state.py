@@ -34,6 +34,10 @@ class SequenceProblem(Saved):
     disclosure: str = EXACT
     rival: Array | None = None  # costs of its answers, (A,X), or (…,) if infinitely many; None for the square error
     turnover: float | None = None
+    assets: tuple[str, ...] | None = (
+        None  # labels of a decision's coordinates; None where there are none, and in older files
+    )
+    states: tuple[str, ...] | None = None
 
     def check(self, other: SequenceProblem) -> None:
         """Raise `InputError` where another differs by more than rounding."""
@@ -52,6 +56,11 @@ class SequenceProblem(Saved):
             raise InputError(
                 f"it is of another problem: it has decisions disclosed as {other.disclosure}, not as {self.disclosure}"
             )
+        for here, there, what in ((self.assets, other.assets, "assets"), (self.states, other.states, "states")):
+            if here is not None and there is not None and here != there:
+                raise InputError(
+                    f"it is of another problem: it has the {what} {', '.join(there)}, not {', '.join(here)}"
+                )
         for name, said in named.items():
             mine, theirs = (_plain(getattr(each, name)) for each in (self, other))
             if mine.shape != theirs.shape or not np.allclose(mine, theirs, rtol=_SAME, atol=_SAME * _size(mine)):
@@ -85,7 +94,11 @@ def problem_of(table: StepTable, law: ChainLaw, limit: float) -> SequenceProblem
     if stakes.rival is not None:  # also its loss at the known belief
         rival = np.hstack([stakes.directions.ravel(), stakes.spare])
     most = table.turnover if np.isfinite(table.turnover) else None
-    return SequenceProblem(prior.beliefs, prior.weights, moves, found.points, costs, cap, limit, shown, rival, most)
+    names = found.problem.asset_names, found.problem.state_names
+    labels = [None if each is None else tuple(map(str, each)) for each in names]
+    return SequenceProblem(
+        prior.beliefs, prior.weights, moves, found.points, costs, cap, limit, shown, rival, most, *labels
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,7 +52,7 @@ class Extension:
         defaults: Parameters that it may set; a list is swept where the default is a number, a text or a boolean.
         meaning: The first line of its documentation.
         sign: 1 for a measure that grows with privacy, else 0.
-        sha256: The hash of its source and of all in its module that it refers to.
+        sha256: The hash of its source and of all that it refers to in the module that defines it.
         version: The version of the module or of its distribution; empty if neither states one.
     """
 
@@ -154,11 +154,24 @@ def _imported(spec: str) -> tuple[Any, str]:
         near_names = get_close_matches(name, [each for each in vars(module) if not each.startswith("_")], n=1)
         said = f"; did you mean {near_names[0]}?" if near_names else ""
         raise InputError(f"the module {place} has no {name!r}{said}")
-    source = getattr(module, "__file__", None)
-    if source is None:
+    thing, sources = getattr(module, name), list[tuple[Any, str]]([(module, name)])
+    written = thing if hasattr(thing, "__qualname__") else type(thing)
+    home = written.__module__.partition(".")[0]
+    if written.__module__ != place and home not in {
+        "inscrutable",
+        *sys.stdlib_module_names,
+    }:  # imported from another module
+        sources.append((sys.modules.get(written.__module__), written.__qualname__.partition(".")[0]))
+    return thing, sha256("\n".join(_source(*each, place) for each in sources).encode()).hexdigest()
+
+
+def _source(module: Any, name: str, place: str) -> str:
+    """The statements of a module on which a name depends."""
+    path = getattr(module, "__file__", None)
+    if path is None:
         raise InputError(f"the module {place} has no source file, by which a change could be seen")
     try:
-        return getattr(module, name), sha256(_used(Path(source).read_text("utf-8"), name).encode()).hexdigest()
+        return _used(Path(path).read_text("utf-8"), name)
     except (OSError, UnicodeDecodeError, SyntaxError) as error:
         raise InputError(f"the source of {place} cannot be read: {error}") from None
 

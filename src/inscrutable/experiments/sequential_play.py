@@ -198,7 +198,7 @@ class SequentialPlay:
                 found[0, t, d] = max(float(present @ squares - mean @ mean), 0.0)
                 found[1, t, d] = float((present @ top).max())
                 if t == n_steps - 1:
-                    last = sequence.mechanism
+                    last = sequence.mechanism if sequence.is_shown else sequence.mechanism_for(sequence.observer)
                 sequence.publish(actions[columns[drawn]])
         assert last is not None
         return _Figures(*found), _averaged(last, _as_decisions(values, weighed), seen)

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 
 from inscrutable import tolerances, validation
 from inscrutable.decision_makers.aware.columns import lotteries, without_small
@@ -174,8 +175,13 @@ class DecisionSequence(Summarised, KeptInFile):
 
     @property
     def mechanism(self) -> Mechanism:
-        """K of the present step, on the chain's beliefs and all decisions."""
-        return self._rule.mechanism(self._now())
+        """K of the present step, on the chain's beliefs and all decisions; on the optimal ones where it is never disclosed."""
+        step, beliefs = self._now(), self.beliefs
+        if not step.is_hidden:
+            return self._rule.mechanism(step)
+        columns, rows, costs = self._rule.answers(step, beliefs)
+        actions = columns.problem.as_actions(columns.points)
+        return Mechanism(beliefs, actions, sparse.csr_array(rows), columns.regrets(beliefs, costs))
 
     def mechanism_for(self, law: Prior, before: Any = None) -> Mechanism:
         """Return K on the chain's beliefs and all decisions, where the observer holds `law` before the decision.

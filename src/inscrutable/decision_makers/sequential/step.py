@@ -432,13 +432,8 @@ class StepRule:
         return columns, rows, costs
 
     def mechanism(self, step: Step) -> Mechanism:
-        """Return K on the grid's beliefs and all decisions; the optimal ones where the decision is never disclosed."""
+        """Return K on the grid's beliefs and all decisions: the cheapest of them where the decision is never disclosed."""
         table = self.table
-        if step.is_hidden:
-            beliefs = table.prior.beliefs
-            columns, played, costs = self.answers(step, beliefs)
-            actions = columns.problem.as_actions(columns.points)
-            return Mechanism(beliefs, actions, sparse.csr_array(played), columns.regrets(beliefs, costs))
         rows, atoms = np.nonzero(step.rows > 0)
         entries = step.rows[rows, atoms], (rows, table.cheapest[rows, step.numbers[atoms]])
         shape = len(table.prior.beliefs), len(table.columns)

@@ -192,6 +192,10 @@ def test_revised_returns_are_named(small, tmp_path: Path) -> None:
     returns = pd.DataFrame(TWO_MONTHS.to_numpy(), pd.DatetimeIndex(TWO_MONTHS.index), TWO_MONTHS.columns)
     assert protect_step(model, BELIEF, copy, publish=True, periods=returns[:1]).revised is None
     assert protect_step(model, BELIEF, copy, periods=returns.iloc[:, ::-1] + 1e-17).revised is None
+    old = protect_step(model, BELIEF, copy, periods=returns[:1])
+    assert old.decided == old.figures()["no_returns_after"] == "2024-01-31"
+    assert "no row after 2024-01-31" in old.summary()
+    assert protect_step(model, BELIEF, copy, periods=returns).decided is None
     revised = returns.copy()
     revised.iloc[0, 0] += 1e-4
     for changed in (revised, 100 * returns, returns.assign(Other=0.0)):

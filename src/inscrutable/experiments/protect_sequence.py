@@ -59,6 +59,7 @@ class ProtectedStep:
         n_skipped: Periods since the last decision that had none.
         is_dated: Whether the period of the decision is known.
         revised: The date to which the returns are not those of the last decision, or None.
+        decided: The date of the last decision, where the returns have no row after it and the belief is not of this step.
     """
 
     model: InvestorModel
@@ -83,6 +84,7 @@ class ProtectedStep:
     n_skipped: int = 0
     is_dated: bool = False
     revised: str | None = None
+    decided: str | None = None
 
     def table(self) -> pd.DataFrame:
         """Return one row per portfolio of the lottery, the likeliest first: probability, regret and weights."""
@@ -119,6 +121,7 @@ class ProtectedStep:
             "belief_off_grid": self.is_off_grid,
             "counted_as_nearest": self.is_approximate,
             "returns_revised_to": self.revised,
+            "no_returns_after": self.decided,
         }
 
     def lines(self) -> pd.DataFrame:
@@ -156,6 +159,11 @@ class ProtectedStep:
         ]
         if self.n_skipped:
             lines.append(f"Periods before this one without a decision: {self.n_skipped}. The observer's law moved on.")
+        if self.decided is not None:
+            lines.append(
+                f"Caution: these returns have no row after {self.decided}, on which the last decision rests. This is the step after "
+                "it, for a belief of before: add the new rows."
+            )
         if self.revised is not None:
             lines.append(
                 f"Caution: the returns to {self.revised} are not those of the last decision: they were revised, or begin at "
@@ -274,12 +282,14 @@ def protect_step(
         else:
             sequence.save(path)
         last = sequence.period
-        revised = last if sequence.digest not in (None, _digest(periods, last)) else None
+        decided = last if dates and last is not None and dates[-1] <= last else None
+        is_shorter = last is not None and bool(dates) and dates[-1] < last
+        revised = last if not is_shorter and sequence.digest not in (None, _digest(periods, last)) else None
         skipped = _begin(sequence, dates, path, publish=publish)
         if publish:
             sequence.digest = _digest(periods, sequence.period)
         step = _step(model, held, (maker, sequence), path, source if publish else None)
-        return replace(step, n_skipped=skipped, is_dated=bool(dates), revised=revised)
+        return replace(step, n_skipped=skipped, is_dated=bool(dates), revised=revised, decided=decided)
     finally:
         sequence.close()
 

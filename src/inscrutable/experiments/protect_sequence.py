@@ -161,8 +161,8 @@ class ProtectedStep:
             lines.append(f"Periods before this one without a decision: {self.n_skipped}. The observer's law moved on.")
         if self.decided is not None:
             lines.append(
-                f"Caution: these returns have no row after {self.decided}, on which the last decision rests. This is the step after "
-                "it, for a belief of before: add the new rows."
+                f"Caution: these returns have no row after {self.decided}, on which the last decision rests. This is the step "
+                "after it, for a belief of before: add the new rows."
             )
         if self.revised is not None:
             lines.append(

@@ -37,8 +37,8 @@ def test_a_comparison_has_the_figures_it_had() -> None:
     simulated: where a last digit moves a draw, its figures move with its prices. The rule of least rate is another one within
     its gap of 1e-3 bits, and what it leaks in ten draws moves by up to 2.2 %. Of the Stackelberg rules of largest error
     another is found since, which leaves more at equal spending. Where an estimate ties, the chance of naming is shared among
-    the tied states since; the first release took the first of them. After ten decisions by the coin fewer than three draws
-    leave an error at all, and its stated standard error is larger since. The CDM among candidates alone has its present
+    the tied states since; the first release took the first of them. After ten decisions rarer sequences than were drawn
+    count in the stated standard errors since: those of the coin and two others are larger. The CDM among candidates alone has its present
     figures: at the same privacies it spends 1.5 % less since."""
     settings = ComparisonSettings(budgets=(0.5,), repeats=(1, 10), draws=100)
     makers = tuple(COMPARED)[: None if audited() else 5]
@@ -53,8 +53,8 @@ def test_a_comparison_has_the_figures_it_had() -> None:
         frame, wanted = frame.drop("PDM"), wanted.drop("PDM")
         assert_same(frame, wanted, rtol=1e-3, atol=1e-9)
         return
-    rare = "coin", "bayes_error_after_10_se"
-    assert float(frame.loc[rare]) > float(wanted.loc[rare])
+    rare = ["exponential", "coin", "Dirichlet noise"], "bayes_error_after_10_se"
+    assert (frame.loc[rare] > wanted.loc[rare]).all()
     frame.loc[rare] = wanted.loc[rare]
     moved = ["PDM", "rate-distortion", "sequential", "Stackelberg"]
     assert_same(frame.drop(moved), wanted.drop(moved), rtol=1e-3, atol=1e-9)

@@ -38,8 +38,8 @@ def test_a_comparison_has_the_figures_it_had() -> None:
     its gap of 1e-3 bits, and what it leaks in ten draws moves by up to 2.2 %. Of the Stackelberg rules of largest error
     another is found since, which leaves more at equal spending. Where an estimate ties, the chance of naming is shared among
     the tied states since; the first release took the first of them. After ten decisions rarer sequences than were drawn
-    count in the stated standard errors since: those of the coin and two others are larger. The CDM among candidates alone has its present
-    figures: at the same privacies it spends 1.5 % less since."""
+    count in the stated standard errors since: those of the coin and two others are larger. The CDM among candidates alone has
+    its present figures: at the same privacies it spends 1.5 % less since."""
     settings = ComparisonSettings(budgets=(0.5,), repeats=(1, 10), draws=100)
     makers = tuple(COMPARED)[: None if audited() else 5]
     study = comparison_study(settings, makers, market="paper", resolution=6, seed=0)

@@ -318,7 +318,6 @@ def test_a_target_for_every_step_has_no_mechanism() -> None:
 
 
 @pytest.mark.usefixtures("coarse")
-@pytest.mark.usefixtures("coarse")
 def test_beliefs_of_the_users_own() -> None:
     returns = market()
     dates = returns.index[TRAINING - 1 : -1]

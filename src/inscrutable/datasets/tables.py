@@ -214,7 +214,8 @@ def read_beliefs(path: PathLike, *, names: Sequence[str] | None = None) -> pd.Da
     for row, column in np.argwhere(values < -tolerances.BELIEF_SUM):
         place = table.place(int(row), columns[column])
         raise InputError(f"{place}: probability {values[row, column]:g}, expected at least 0")
-    allowed = _sum_rounding(table, columns, tolerances.BELIEF_TABLE_SUM, tolerances.COARSEST_BELIEF_SUM)
+    rounding = _sum_rounding(len(columns), decimal_digits(table, columns))
+    allowed = max(tolerances.BELIEF_TABLE_SUM, min(rounding, tolerances.COARSEST_BELIEF_SUM))
     _check_sums(table, values, allowed, "probabilities")
     clipped = np.maximum(values, 0.0)
     return pd.DataFrame(clipped / clipped.sum(axis=1, keepdims=True), index=index, columns=pd.Index(wanted))
@@ -290,7 +291,7 @@ def read_weights(path: PathLike, *, assets: Sequence[str], net: float | None = 1
     values = numbers(table, columns)
     digits = decimal_digits(table, columns)
     if net is not None:
-        allowed = _sum_rounding(table, columns, tolerances.PUBLISHED_SUM, tolerances.COARSEST_SUM)
+        allowed = max(tolerances.PUBLISHED_SUM, min(_sum_rounding(len(wanted), digits), tolerances.COARSEST_SUM))
         _check_sums(table, values, allowed, "weights", net)
     return WeightsTable(
         frame=pd.DataFrame(values, index=index, columns=pd.Index(wanted)),
@@ -461,11 +462,9 @@ def _first(table: TextTable, where: NDArray[np.bool_], values: NDArray[np.float6
     return f"{table.place(row, column + 1)}: {values[row, column]:g}"
 
 
-def _sum_rounding(table: TextTable, columns: Sequence[int], least: float, most: float) -> float:
-    """How far rounding may move a row's sum: each number by at most half a unit of its last decimal."""
-    digits = decimal_digits(table, columns)
-    rounding = len(columns) * 0.5 * 10.0**-digits if digits > 0 else 0.0
-    return max(least, min(rounding, most))
+def _sum_rounding(count: int, digits: int) -> float:
+    """How far rounding may move a sum: each number by at most half a unit of its last decimal; 0 for whole numbers."""
+    return count * 0.5 * 10.0**-digits if digits > 0 else 0.0
 
 
 def _check_sums(table: TextTable, values: NDArray[np.float64], tolerance: float, noun: str, whole: float = 1.0) -> None:

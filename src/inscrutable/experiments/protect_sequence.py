@@ -282,9 +282,10 @@ def protect_step(
         else:
             sequence.save(path)
         last = sequence.period
-        decided = last if dates and last is not None and dates[-1] <= last else None
-        is_shorter = last is not None and bool(dates) and dates[-1] < last
-        revised = last if not is_shorter and sequence.digest not in (None, _digest(periods, last)) else None
+        end = dates[-1] if dates else None
+        decided = last if end is not None and last is not None and end <= last else None
+        is_whole = decided is None or end == last  # else the rows to the last decision are not all there
+        revised = last if is_whole and sequence.digest not in (None, _digest(periods, last)) else None
         skipped = _begin(sequence, dates, path, publish=publish)
         if publish:
             sequence.digest = _digest(periods, sequence.period)

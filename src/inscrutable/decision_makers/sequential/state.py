@@ -34,9 +34,7 @@ class SequenceProblem(Saved):
     disclosure: str = EXACT
     rival: Array | None = None  # costs of its answers, (A,X), or (…,) if infinitely many; None for the square error
     turnover: float | None = None
-    assets: tuple[str, ...] | None = (
-        None  # labels of a decision's coordinates; None where there are none, and in older files
-    )
+    assets: tuple[str, ...] | None = None  # labels; None where there are none, and in older files
     states: tuple[str, ...] | None = None
 
     def check(self, other: SequenceProblem) -> None:

@@ -36,6 +36,8 @@ GIVEN: Mapping[str, tuple[str, ...]] = {
 }
 """Parameters that a study fills in, by kind; every other parameter is a key of the study file."""
 
+_NOT_OWN = {"inscrutable", *sys.stdlib_module_names}
+"""Packages whose sources are not a user's: a part that is imported from another module changes where that one does."""
 _SPEC = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 _PLAIN = (bool, int, float, str)
 
@@ -156,11 +158,7 @@ def _imported(spec: str) -> tuple[Any, str]:
         raise InputError(f"the module {place} has no {name!r}{said}")
     thing, sources = getattr(module, name), list[tuple[Any, str]]([(module, name)])
     written = thing if hasattr(thing, "__qualname__") else type(thing)
-    home = written.__module__.partition(".")[0]
-    if written.__module__ != place and home not in {
-        "inscrutable",
-        *sys.stdlib_module_names,
-    }:  # imported from another module
+    if written.__module__ != place and written.__module__.partition(".")[0] not in _NOT_OWN:
         sources.append((sys.modules.get(written.__module__), written.__qualname__.partition(".")[0]))
     return thing, sha256("\n".join(_source(*each, place) for each in sources).encode()).hexdigest()
 

@@ -14,7 +14,7 @@ export PIP_BUILD_CONSTRAINT := constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo docs test lint types imports kernels bench audit clean
+.PHONY: help demo docs test units lint types imports kernels bench audit clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1|\2/p' $(MAKEFILE_LIST) | while IFS='|' read -r name text; do \
@@ -34,7 +34,10 @@ docs: .venv/.docs ## build the documents from executed sources; a warning is an 
 test: export OPENBLAS_NUM_THREADS := 1
 test: export OMP_NUM_THREADS := 1
 test: .venv/.core ## lint, types, layout, unit tests, doctests, documents and examples (some seven minutes on two cores)
-	@$(MAKE) --no-print-directory -j 2 lint types imports kernels
+	@$(MAKE) --no-print-directory -j 2 lint types imports units
+
+# The tests begin while types are still checked: from nothing, that takes as long as all kernels and half a minute more.
+units: kernels .venv/.test
 	$(BIN)/pytest -n 2 --dist worksteal
 
 # Once and on both cores: the demo would compile them on one, test processes the same ones side by side. It needs no more than

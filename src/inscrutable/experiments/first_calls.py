@@ -45,6 +45,7 @@ def compile_kernels(*, n_jobs: int = -1, progress: Callable[[int, int], None] = 
 
     validation.processes(n_jobs, "jobs")
     # In parallel, the first compiles the search and meanwhile the second all else, so that each takes one half of the time.
+    # What both need, the first compiles at its beginning, and the second finds it on the disk at its end.
     calls = [delayed(_quietly)(part) for part in (_decisions, _others)]
     progress(0, len(calls))
     for done, _ in enumerate(Parallel(n_jobs=n_jobs, return_as="generator_unordered")(calls), 1):
@@ -67,11 +68,10 @@ def _others() -> None:
     from inscrutable.kernels.deferred import compiled_at_once, put_off
     from inscrutable.kernels.region_search import search_regions
 
-    with compiled_at_once():
-        with put_off(search_regions):
-            _decide(MaximalObfuscation())
-            _decide(NonExistence())
+    with compiled_at_once(), put_off(search_regions):
         _worlds()
+        _decide(MaximalObfuscation())
+        _decide(NonExistence())
 
 
 def _worlds() -> None:

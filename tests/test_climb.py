@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import product
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -28,21 +27,28 @@ from inscrutable.decision_makers.search.region_search import writable_basis
 from inscrutable.kernels import climb as climbing
 from inscrutable.kernels import faces
 from inscrutable.kernels.climb import Aim
+from inscrutable.kernels.deferred import interpreted
 from sizes import instances, some
 from strategies import SEEDS
 
 Array = NDArray[np.float64]
 
 
-def compiled(kernel: Any) -> Any:
-    """A function that Python may call; the package's own are linked into others alone."""
-    return numba.njit(error_model="numpy")(lambda *arguments: kernel(*arguments))
+def plain(kernel: Any) -> Any:
+    """A function that Python may call: these kernels are linked into others alone. Interpreted it has the same digits."""
+    function = interpreted(kernel, {})
+
+    def call(*arguments: Any) -> Any:
+        with np.errstate(all="ignore"):
+            return function(*arguments)
+
+    return call
 
 
-climb, solve_kkt = compiled(climbing.climb), compiled(faces.solve_kkt)
-cost_under, row_value, row_slope = map(compiled, (faces.cost_under, faces.row_value, faces.row_slope))
-regret_slope, add_regret_curvature = map(compiled, (faces.regret_slope, faces.add_regret_curvature))
-add_row_curvature = compiled(faces.add_row_curvature)
+climb, solve_kkt = plain(climbing.climb), plain(faces.solve_kkt)
+cost_under, row_value, row_slope = map(plain, (faces.cost_under, faces.row_value, faces.row_slope))
+regret_slope, add_regret_curvature = map(plain, (faces.regret_slope, faces.add_regret_curvature))
+add_row_curvature = plain(faces.add_row_curvature)
 
 N_CASES = instances(5, least=3)
 TINY_STEP = 1e-30  # of a complex step: no difference is formed, so nothing cancels

@@ -30,7 +30,7 @@ def market(rng: np.random.Generator, n_states: int, n_assets: int) -> MarkowitzP
 
 def run_by_the_interpreter(kernel, *arguments):
     with np.errstate(all="ignore"):
-        return deferred._interpreted(kernel._compiled, {})(*arguments)
+        return deferred.interpreted(kernel._compiled, {})(*arguments)
 
 
 def numbers(decided) -> list[np.ndarray]:

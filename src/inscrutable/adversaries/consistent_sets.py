@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from functools import reduce
 
 import numpy as np
-from scipy.linalg import orth
 
 from inscrutable import tolerances
 from inscrutable.adversaries.inverse import belief_set_of, scaled_gradients, smooth_form_of
@@ -101,7 +100,6 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
             return by_rows
     form = smooth_form_of(problem)
     region, points = form.constraints, form.variables(actions)
-    common = orth(region.A_eq.T)
     count, n_states = actions.shape[0], problem.n_states
     dimension = np.full(count, -1)
     ends = np.zeros((count, 2, n_states))
@@ -113,7 +111,7 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
     for number, pattern in enumerate(patterns):
         index = np.flatnonzero(pattern_of == number)
         rows = region.stationarity(pattern)
-        scaled = scaled_gradients(form.gradients(points[index]), common, form.size).transpose(0, 2, 1)
+        scaled = scaled_gradients(form.gradients(points[index]), region.equality_span, form.size).transpose(0, 2, 1)
         systems = index, rows.equalities @ scaled, rows.inequalities @ scaled
         shaped.setdefault((len(rows.equalities), len(rows.inequalities)), []).append(systems)
     for parts in shaped.values():  # the systems of one size, whatever the pattern

@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import orth
 
 from inscrutable import tolerances
 from inscrutable.adversaries.plausibility import gap_compared
@@ -26,7 +25,7 @@ def belief_set_of(problem: DecisionProblem, u: Array, tolerance: float = toleran
         form = smooth_form_of(problem)
         point, region = form.variables(u), form.constraints
         rows = region.stationarity(region.tight_rows(point))
-        scaled = scaled_gradients(form.gradients(point[None]), orth(region.A_eq.T), form.size)[0].T
+        scaled = scaled_gradients(form.gradients(point[None]), region.equality_span, form.size)[0].T
         equalities, inequalities = rows.equalities @ scaled, rows.inequalities @ scaled
     gap = partial(gap_compared, problem, u)
     return BeliefSet(equalities, inequalities, tolerance, gap, problem.state_names)

@@ -97,7 +97,8 @@ class BeliefSet(Saved):
         if verdict[0] < 0:
             return None
         hulls = affine_hulls(self.equalities[None], self.tolerance)
-        origin, directions, bands = hulls.origin[0], hulls.directions[0, :dimension], hulls.bands[0, :dimension]
+        origin, directions = hulls.origin[0], hulls.directions[0, :dimension]
+        bands = hulls.bands(self.tolerance)[0, :dimension]
         bounded = np.vstack([self.inequalities, np.eye(self.n_states)])
         rows = -bounded @ directions.T
         offsets = bounded @ origin

@@ -39,8 +39,16 @@ class Hulls(NamedTuple):
     dimension: np.ndarray  # (n,) −1 where no belief satisfies the equalities
     origin: Array  # (n, X)
     directions: Array  # (n, X-1, X), orthonormal, the free ones first
-    bands: Array  # (n, X-1, 2) least and greatest coordinate along each at which the residual stays below the tolerance
+    sigma: Array  # (n, X-1) the singular value of each
+    aligned: Array  # (n, X-1) σ times the coordinate along each at which the residual is least
     noise: Array  # (n,) distance of a belief that costs the tolerance in residual
+
+    def bands(self, tolerance: float) -> Array:
+        """Return the coordinates along each direction between which the residual stays below a tolerance, (n, X−1, 2)."""
+        is_banded = SIMPLEX_DIAMETER * self.sigma > tolerance
+        ends = self.aligned[:, :, None] + tolerance * np.array([-1.0, 1.0])
+        narrow = ends / np.where(is_banded, self.sigma, 1.0)[:, :, None]
+        return np.where(is_banded[:, :, None], narrow, np.array([-np.inf, np.inf]))
 
 
 @lru_cache(maxsize=64)
@@ -68,15 +76,10 @@ def affine_hulls(equalities: Array, tolerance: float) -> Hulls:
     removable = np.where(is_free, np.clip(aligned, -SIMPLEX_DIAMETER * sigma, SIMPLEX_DIAMETER * sigma), 0.0)
     left_over = equalities @ origin[:, :, None] + left[:, :, :size] @ removable[:, :size, None]
     residual = np.abs(left_over).max(axis=(1, 2), initial=0.0)
-    is_banded = SIMPLEX_DIAMETER * sigma > tolerance
-    ends = aligned[:, :, None] + tolerance * np.array([-1.0, 1.0])
-    bands = np.where(
-        is_banded[:, :, None], ends / np.where(is_banded, sigma, 1.0)[:, :, None], np.array([-np.inf, np.inf])
-    )
     least = np.where(is_free, np.inf, sigma).min(axis=1, initial=np.inf)
     return Hulls(
         np.where(residual <= tolerance, is_free.sum(axis=1), -1),
-        origin, directions[:, ::-1], bands[:, ::-1], np.maximum(ON_FACE, tolerance / least),
+        origin, directions[:, ::-1], sigma[:, ::-1], aligned[:, ::-1], np.maximum(ON_FACE, tolerance / least),
     )  # fmt: skip
 
 
@@ -100,7 +103,8 @@ def described_sets(equalities: Array, inequalities: Array, tolerance: float) -> 
         dimension[points] = np.where((slack >= -hulls.noise[points, None]).all(axis=1), 0, -1)
         ends[points] = onto_simplex(hulls.origin[points])[:, None]
     if lines.size:
-        dimension[lines], ends[lines] = _segments(Hulls(*(part[lines] for part in hulls)), inequalities[lines])
+        some = Hulls(*(part[lines] for part in hulls))
+        dimension[lines], ends[lines] = _segments(some, inequalities[lines], tolerance)
     ends[dimension < 0] = 0.0
     return dimension, ends
 
@@ -110,14 +114,14 @@ def _slacks(inequalities: Array, points: Array) -> Array:
     return np.concatenate([(inequalities @ points[:, :, None])[:, :, 0], points], axis=1)
 
 
-def _segments(hulls: Hulls, inequalities: Array) -> tuple[np.ndarray, Array]:
+def _segments(hulls: Hulls, inequalities: Array, tolerance: float) -> tuple[np.ndarray, Array]:
     """Return dimension (n,), at most one, and both ends (n,2,X) of sets whose hulls are lines o + t d."""
-    noise, direction = hulls.noise[:, None], hulls.directions[:, 0]
+    noise, direction, bands = hulls.noise[:, None], hulls.directions[:, 0], hulls.bands(tolerance)
     value, slope = _slacks(inequalities, hulls.origin), _slacks(inequalities, direction)
     flat = np.abs(slope) <= noise  # such a row holds for all t, or for none
     crossing = -value / np.where(flat, 1.0, slope)
-    low = np.maximum(hulls.bands[:, 0, 0], np.where(~flat & (slope > 0.0), crossing, -np.inf).max(axis=1))
-    high = np.minimum(hulls.bands[:, 0, 1], np.where(~flat & (slope < 0.0), crossing, np.inf).min(axis=1))
+    low = np.maximum(bands[:, 0, 0], np.where(~flat & (slope > 0.0), crossing, -np.inf).max(axis=1))
+    high = np.minimum(bands[:, 0, 1], np.where(~flat & (slope < 0.0), crossing, np.inf).min(axis=1))
     steepest = np.where(flat, 1.0, np.abs(slope)).min(axis=1, initial=1.0)
     is_empty = (flat & (value < -noise)).any(axis=1) | (low - high > 2.0 * hulls.noise / steepest)
     steps = np.where(is_empty, 0.0, np.where(low > high, 0.5 * (low + high), [low, high]))
@@ -132,10 +136,11 @@ def members_of_sets(equalities: Array, inequalities: Array, tolerance: float) ->
     Verdict 1: nonempty; −1: empty; 0: undecided without a linear programme, or a hull of dimension below two.
     """
     hulls = affine_hulls(equalities, tolerance)
+    bands = hulls.bands(tolerance)
     verdict, members = np.zeros(len(equalities), dtype=np.int64), np.zeros_like(hulls.origin)
     for i in np.flatnonzero(hulls.dimension >= LARGER):
         size = hulls.dimension[i]
-        if np.isfinite(hulls.bands[i, :size]).any():
+        if np.isfinite(bands[i, :size]).any():
             continue
         everything = np.vstack([inequalities[i], np.eye(equalities.shape[2])])
         directions = hulls.directions[i, :size]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import null_space
+from scipy.linalg import null_space, orth
 
 from inscrutable import tolerances, validation
 from inscrutable.axes import Axis, Names, axis_labels
@@ -169,6 +169,11 @@ class Polyhedron:
             self._stationarity[key] = known
         return known
 
+    @cached_property
+    def equality_span(self) -> Array:
+        """Orthonormal basis of the rows of A_eq, shape (U, rank)."""
+        return np.asarray(orth(self.A_eq.T))
+
     def violation(self, actions: ArrayLike) -> Array:
         """Return the largest violation of any row, per unit of its largest coefficient and of the decision's size where
         that is above one, shape (…)."""
@@ -180,9 +185,12 @@ class Polyhedron:
 
     def _beyond(self, points: Array, slacks: Array) -> Array:
         beyond = -slacks.min(axis=-1, initial=np.inf)
-        scale = np.abs(self.A_eq).max(axis=1, initial=0.0)
-        off = (np.abs(points @ self.A_eq.T - self.b_eq) / scale).max(axis=-1, initial=0.0)
+        off = (np.abs(points @ self.A_eq.T - self.b_eq) / self._equality_scale).max(axis=-1, initial=0.0)
         return np.asarray(np.maximum(np.maximum(beyond, off), 0.0) / _size(points))
+
+    @cached_property
+    def _equality_scale(self) -> Array:
+        return np.asarray(np.abs(self.A_eq).max(axis=1, initial=0.0))
 
     def check_inside(self, points: Array, name: str, *, beyond: float = tolerances.FEASIBILITY) -> None:
         """Raise `InputError` with the worst row of the first of decisions (U,) or (T,U) that violates one by too much."""

@@ -21,6 +21,7 @@ from inscrutable.experiments.studies.means import StudyMeans, labels, means_of, 
 from inscrutable.experiments.studies.ranking import ranking
 from inscrutable.experiments.studies.store import STORE
 from inscrutable.experiments.studies.sweeps import sweep_of
+from inscrutable.reports.names import full_name
 from inscrutable.reports.page import study_page, write_page
 from study_runs import SMALL
 from test_page import EVIL, Reader, changed, data_of, drawings
@@ -127,7 +128,10 @@ def test_verdict_names_the_best_against_each_observer(means: StudyMeans, page: P
     for observer in ("naive", "bayesian"):
         place = means.place[f"error, {observer}"]
         best = ranking(means, 0, 0.1, place).plays[0]
-        assert f"largest error of the {spoken_observer(observer)} observer is under {means.makers[best]} (" in said
+        assert (
+            f"largest error of the {spoken_observer(observer)} observer is under {full_name(means.makers[best])} ("
+            in said
+        )
     assert "budget of 0.1 of |c*|" in said
     assert re.search(r"By the error of the aware \(bayesian\) observer, .+ is first in [12] of 2 settings", said)
 
@@ -165,7 +169,7 @@ def test_the_verdict_says_on_which_repeats_it_rests(tmp_path: Path) -> None:
     [
         (
             {"values": [50.0]},
-            "Caution: a budget of 50 of |c*| is more than the optimal cost itself; 50 per cent are written 50%.",
+            "Caution: a budget of 50 of |c*| is more than the optimal cost itself (50 per cent are written 50%).",
         ),
         ({"values": [0.5, 1.5], "unit": "silence"}, "Caution: a budget of 150% of the silence regret is more than"),
         ({"values": [0.0, 0.3]}, ""),
@@ -427,7 +431,7 @@ def test_who_spends_more_is_no_better_for_that(tmp_path: Path) -> None:
     # What the constant decision keeps secret is bought by a coin, whose square error grows in proportion to its costs.
     share = lottery["expected_regret"] / constant["expected_regret"]
     shared = np.sqrt((1.0 - share) * rows.loc["ODM"].iloc[0]["error"] ** 2 + share * constant["error"] ** 2)
-    leader = "PDM" if lottery["error"] > shared else "coin"
+    leader = "probabilistic" if lottery["error"] > shared else "coin"
     assert f"largest error of the naive observer is under {leader}" in verdict
     assert f"about {shared:.3g}" in verdict, verdict
     assert "cost, times the least at its budget" in Reader(tmp_path / "report.html").inside["th"]
@@ -451,15 +455,17 @@ def test_a_protection_is_judged_as_by_the_other_verbs(tmp_path: Path, capsys: py
         rows[(rows.budget == 0.2) | rows.budget.isna()].groupby(["adversary", "decision_maker"]).mean(numeric_only=True)
     )
     asked = Requirement(rows.prior_error.iloc[0], rows.prior_top_state.iloc[0])
-    wanted = [asked.meaning(without="decisions", state="state", cases="the cases")]
+    meaning = asked.meaning(without="decisions", state="state", cases="the cases")
+    wanted, written = {meaning}, {meaning}  # with the names of the file, and written out
     for observer in ("naive", "bayesian"):
-        own = rows.loc[observer]
-        told = asked.judge([Reached(name, own.error[name], own.top_state[name]) for name in makers[1:]])
-        wanted.append(f"Hidden from the {spoken_observer(observer)} observer: {told}.")
+        own, start = rows.loc[observer], f"Hidden from the {spoken_observer(observer)} observer"
+        for names, said in ((str, wanted), (full_name, written)):
+            reached = [Reached(names(name), own.error[name], own.top_state[name]) for name in makers[1:]]
+            said.add(f"{start}: {asked.judge(reached)}.")
     assert cli.main(["study", "report", str(tmp_path)]) == 0
     line = " ".join(capsys.readouterr().out.split())
-    assert set(study.protection()) == set(wanted)
-    for part in wanted:
+    assert set(study.protection()) == wanted
+    for part in written:
         assert part in line
         assert part in " ".join(Reader(tmp_path / "report.html").inside["p"])
     assert costly_rule(tmp_path / "bare", decision_makers=["ODM"], measures=["error", "top_state"]).protection() == []

@@ -97,7 +97,7 @@ class Budget:
         if self.amount == 0.0:
             return "a budget of 0 allows only decisions that cost as little as the optimal one"
         if self.is_relative and self.amount > 1.0:
-            percent = f"; {self.amount:g} per cent are written {self.amount:g}%" if self.amount >= 2.0 else ""
+            percent = f" ({self.amount:g} per cent are written {self.amount:g}%)" if self.amount >= 2.0 else ""
             return f"a budget of {self.amount:g} of |c*| is more than the optimal cost itself{percent}"
         if not self.is_relative and self.amount > _MUCH_REGRET:
             share = f"{self.amount:.0%} of wealth in every row of returns"
@@ -138,7 +138,7 @@ class SilenceShare:
         """A caution about an unusual share, in one sentence; empty for a usual one."""
         if self.share <= 1.0:
             return ""
-        percent = f"; {self.share:g} per cent are written silence:{self.share:g}%" if self.share >= 2.0 else ""
+        percent = f" ({self.share:g} per cent are written silence:{self.share:g}%)" if self.share >= 2.0 else ""
         return f"a budget of {self.share:.0%} of the silence regret is more than a constant decision costs{percent}"
 
     def of(self, silence: float) -> Budget:

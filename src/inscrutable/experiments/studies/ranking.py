@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,12 +89,14 @@ def ranking(means: StudyMeans, setting: int, budget: float | None, figure: int) 
     )
 
 
-def protection(means: StudyMeans, setting: int, budget: float | None) -> list[str]:
+def protection(
+    means: StudyMeans, setting: int, budget: float | None, *, spoken: Callable[[str], str] = str
+) -> list[str]:
     """Return lines that state which decision makers hide the belief at a budget from each observer, with the numbers reached
     and asked for.
 
     Costs are made equal as in `ranking`; one that spends nothing is not judged. Empty where errors and namings were not
-    measured, no decision maker spends anything, or there is nothing to hide.
+    measured, no decision maker spends anything, or there is nothing to hide. `spoken` writes out a decision maker's name.
     """
     paid, parts, first = _paid(means, setting), [], None
     hides = _spends(paid) | np.isnan(paid)
@@ -104,7 +107,7 @@ def protection(means: StudyMeans, setting: int, budget: float | None) -> list[st
         asked = Requirement(error_without, min(chance, 1.0))
         judged = [means.place.get(f"{name}, {observer}") for name in JUDGED]
         error, named = ({} if place is None else ranking(means, setting, budget, place).by_play for place in judged)
-        found = {p: Reached(means.makers[p], error[p], named[p]) for p in sorted(error) if p in named}
+        found = {p: Reached(spoken(means.makers[p]), error[p], named[p]) for p in sorted(error) if p in named}
         reached = [each for p, each in found.items() if hides[p]]
         if not reached:
             continue

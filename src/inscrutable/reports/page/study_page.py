@@ -17,7 +17,7 @@ from inscrutable.experiments.studies.ranking import SAME_COST, Ranking, protecti
 from inscrutable.experiments.studies.study import tasks_text
 from inscrutable.experiments.studies.sweeps import Sweep, sweep_of
 from inscrutable.labels import capital
-from inscrutable.reports.names import spelled
+from inscrutable.reports.names import full_name, spelled
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import manifest_of
 from inscrutable.reports.style import REGIME_COLOURS, Look, looks_of
@@ -325,7 +325,7 @@ def _verdict(study: Study, means: StudyMeans) -> list[str]:
     at = [] if budget is None else [f"at a budget of {_WORTH[file_of(study).budgets.unit].format(budget)}"]
     at += [f"in the setting {means.settings[setting]}"] if means.settings[setting] else []
     found = {place: ranking(means, setting, budget, place) for place in places}
-    holds = protection(means, setting, budget)
+    holds = protection(means, setting, budget, spoken=full_name)
     equal, costs = _costs_told(means, found[places[0]])
     at += equal
     told = [_ranked(means, setting, *each) for each in found.items()]
@@ -361,8 +361,8 @@ def _costs_told(means: StudyMeans, found: Ranking) -> tuple[list[str], list[str]
         return [], []
     low, high = found.cheapest, found.dearest
     differ = (
-        f"At this budget expected regrets differ, from {_number(found.spent[low])} ({means.makers[found.spenders[low]]}) to "
-        f"{_number(found.spent[high])} ({means.makers[found.spenders[high]]}), {found.times:.1f} times as much."
+        f"At this budget expected regrets differ, from {_number(found.spent[low])} ({_told(means, found.spenders[low])}) to "
+        f"{_number(found.spent[high])} ({_told(means, found.spenders[high])}), {found.times:.1f} times as much."
     )
     return [f"compared at an equal expected regret of {_number(found.regret)} in the cost's unit"], [differ]
 
@@ -379,11 +379,16 @@ def _ranked(means: StudyMeans, setting: int, figure: int, found: Ranking) -> str
         return _cell(found.values[place], means.half_width[setting, play, figure])
 
     told = [cell(0)]
-    told += [f"next {means.makers[found.plays[1]]}, {cell(1)}"] if len(found.plays) > 2 else []
-    told += [f"last {means.makers[found.plays[-1]]}, {cell(-1)}"] if len(found.plays) > 1 else []
+    told += [f"next {_told(means, found.plays[1])}, {cell(1)}"] if len(found.plays) > 2 else []
+    told += [f"last {_told(means, found.plays[-1])}, {cell(-1)}"] if len(found.plays) > 1 else []
     kind = means.figures[figure].measure
     best = {1: "largest", -1: "smallest"}[MEASURES[kind].sign] if kind != "top_state" else "rarest"
-    return f"the {best} {_spoken(means.figures[figure])} is under {means.makers[found.plays[0]]} ({'; '.join(told)})"
+    return f"the {best} {_spoken(means.figures[figure])} is under {_told(means, found.plays[0])} ({'; '.join(told)})"
+
+
+def _told(means: StudyMeans, play: int) -> str:
+    """Return a decision maker's name within a sentence."""
+    return full_name(means.makers[play])
 
 
 def _spoken(figure: Figure) -> str:
@@ -400,7 +405,7 @@ def _elsewhere(means: StudyMeans, found: Ranking, budget: float | None, figure: 
     if len(firsts) < 2 or not found.plays:
         return []
     same = sum(place == found.plays[0] for place in firsts)
-    best = means.makers[found.plays[0]]
+    best = _told(means, found.plays[0])
     return [f"By the {_spoken(means.figures[figure])}, {best} is first in {same} of {len(firsts)} settings."]
 
 

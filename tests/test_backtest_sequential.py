@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -146,7 +147,12 @@ def test_what_is_said_of_it(found: Backtest, tmp_path: Path) -> None:
     prices, figures = found.sequential.maker.calibration, found.figures["SDM"]
     assert prices.loss - 4.0 * prices.loss_se <= figures["error_ceiling"] ** 2
     said = "\n".join(limits(found))
-    assert "(50% of the silence regret), on average over the long run of the fitted regimes; a single month" in said
+    asked = (
+        r"long run of the fitted regimes (\S+) basis points a month on average \(50% of the (\S+) that silence costs\)"
+    )
+    spent = re.search(asked, said)
+    assert spent is not None
+    assert float(spent[1]) == pytest.approx(0.5 * float(spent[2]), rel=0.02)
     prior = found.sequential.maker.chain.prior
     silence = silence_regret(found.problem, prior.beliefs, prior.weights)
     assert found.sequential.maker.limit == pytest.approx(0.5 * silence)

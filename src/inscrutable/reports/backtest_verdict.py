@@ -244,10 +244,10 @@ def _budgets(result: Backtest, hiding: Sequence[str]) -> str:
     said = f"Budgets. {rules}: {result.budget} each {word}, PDM on average over its two outcomes."
     if part is None:
         return said
-    share = f" ({SHARE_OF_SILENCE:.0%} of the silence regret)" if result.settings.budget is None else ""
+    share = f" ({SHARE_OF_SILENCE:.0%} of the {_basis_points(part.silence_regret)} that silence costs)"
     return (
-        f"{said} {SEQUENTIAL}: {_basis_points(part.maker.limit)} basis points a {word}{share}, on average over the long run of "
-        f"the fitted regimes; a single {word} may cost more."
+        f"{said} {SEQUENTIAL}: in the long run of the fitted regimes {_basis_points(part.maker.limit)} basis points a {word} "
+        f"on average{share if result.settings.budget is None else ''}; a single {word} may cost more."
     )
 
 

@@ -84,13 +84,14 @@ def _lead(result: Backtest) -> PagePicture | None:
     with TemporaryDirectory() as folder:
         pictures = [path for path in draw_hidden(result, Path(folder)) if path.suffix == ".svg"]
         drawn = [path.read_text("utf-8") for path in pictures]
-    word = result.market.frequency.word
+    word, part = result.market.frequency.word, result.sequential
+    there = "" if part is None else f", where the error without weights is {part.maker.chain.prior.error:.2f}"
     caption = (
         f"The marks are the errors of two observers under each decision maker, over {len(result.beliefs)} {word}s. A belief is "
         "hidden where its mark is right of the grey zone and not crossed out; a cross says that the observer names the regime "
-        "too often. The dashed line is the error without weights. The ceiling is the largest error that any rule of the "
-        "same cost leaves the aware observer in the long run; the naive one may err more, and so may the aware one in few "
-        f"{word}s."
+        f"too often. The dashed line is the error without weights in these {word}s. The ceiling is the largest error that any "
+        f"rule of the same cost leaves the aware observer in the long run{there}; the naive one may err more, and so may the "
+        f"aware one in few {word}s."
     )
     return PagePicture("Error of two observers", caption, drawn[0]) if drawn else None
 

@@ -27,6 +27,8 @@ from inscrutable import (
     ModelError,
     Polyhedron,
     box,
+    implied_views,
+    obfuscated_decision,
     steady_filter,
 )
 from inscrutable.alphas.error_law import ErrorLaw
@@ -814,3 +816,28 @@ def test_no_regret_above_the_limit_where_a_prediction_has_no_variance_in_some_di
     maker = AlphaDecisionMaker(problem, 0.5, world=world, objective="error", error_weights=np.diag([2.0, 1.0]))
     assert maker.regret == pytest.approx(maker.limit, rel=1e-4)
     assert maker.gap < 1e-4
+
+
+def test_without_a_budget_the_largest_error_is_what_optimal_decisions_leave() -> None:
+    """One asset shows d'm alone: the error of m is tr(S − S d d'S / d'S d)."""
+    prior, loads = np.diag([2.0, 1.0]), np.array([1.0, 2.0])
+    problem = AlphaProblem([[1.0]], 1.0, loadings=loads[None])
+    left = np.trace(prior) - (prior @ loads) @ (prior @ loads) / (loads @ prior @ loads)
+    for budget in (0.0, 1e-9):
+        maker = AlphaDecisionMaker(problem, Budget.regret(budget), prior_covariance=prior, objective="error")
+        assert maker.error == pytest.approx(left, rel=1e-4)
+
+
+@pytest.mark.parametrize("covariance", [[[2.1, 1.0], [1.0, 3.3]], [[0.04, 0.01], [0.01, 0.02]]])
+@pytest.mark.parametrize("factors", [False, True])
+def test_a_signal_that_moves_no_decision_up_to_rounding_reveals_nothing(
+    covariance: list[list[float]], factors: bool
+) -> None:
+    """A common shift of all returns under Σu = 0 cancels to 1e-17, which was taken for a decision's slope."""
+    risk = FactorRisk(np.sqrt([[0.1], [0.1]]), [[1.0]], np.diag(covariance)) if factors else covariance
+    problem = AlphaProblem(risk, 2.5, constraints=Polyhedron(A_eq=[[1.0, 1.0]], b_eq=[0.0]), loadings=[[1.0], [1.0]])
+    maker = AlphaDecisionMaker(problem, 0.01, prior_covariance=[[1.0]])
+    assert (maker.bits, maker.error, maker.status) == (0.0, 1.0, AlphaStatus.SILENT)
+    with pytest.raises(ModelError, match="no signal moves any decision"):
+        obfuscated_decision(problem, [1.0], Budget.regret(0.01))
+    assert np.isinf(implied_views(problem, problem.optimum([1.0])).bounds).all()

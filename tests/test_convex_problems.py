@@ -420,3 +420,16 @@ def test_without_the_parts_of_cvxpy_that_are_its_own_costs_are_solved_by_it_alon
     monkeypatch.setattr("inscrutable.problems.modelled.cone_programme", renamed)
     assert second.optimal_cost(beliefs) == pytest.approx(found, abs=2e-6)
     assert second._model._cones is None
+
+
+def test_costs_that_are_flat_along_the_budget_line_keep_the_solvers_optimum():
+    """Newton's step there is the rounding of a slope divided by the damping: it went to a corner, .5 above the optimum."""
+    u = cp.Variable(2)
+    costs = [cp.sum(cp.huber(u - [-0.5, 0.5], 0.25)), cp.sum_squares(u - 0.5)]
+    problem = ConvexProblem(u, costs, [cp.sum(u) == 1, u >= 0])
+    line = np.linspace(0.0, 1.0, 10_001)
+    costs_there = problem.state_costs(np.column_stack([line, 1.0 - line]))
+    for share in np.linspace(0.0, 1.0, 11):
+        belief = np.array([share, 1.0 - share])
+        assert problem.optimal_cost(belief) == pytest.approx((costs_there @ belief).min(), abs=1e-7)
+    assert problem.regret([1.0, 0.0], [1.0, 0.0]) == pytest.approx(0.5, abs=1e-7)

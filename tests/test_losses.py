@@ -27,6 +27,7 @@ from inscrutable import (
     RateDistortionDecisionMaker,
     RivalProblem,
     RoundingDecisionMaker,
+    SequentialDecisionMaker,
     SquaredError,
     StackelbergDecisionMaker,
     UniformDecisionMaker,
@@ -348,3 +349,23 @@ def test_losses_along_sampled_paths_are_within_their_errors():
     assert exact.n_draws == 0
     assert drawn_ones.n_draws == 60
     assert np.all(np.abs(exact.loss - drawn_ones.loss) <= 5.0 * drawn_ones.loss_se + 1e-9)
+
+
+class DoubledError(SquaredError):
+    """Twice the square error."""
+
+    def excess(self, beliefs: NDArray[np.float64], estimates: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(2.0 * super().excess(beliefs, estimates))
+
+
+def test_no_rule_is_solved_for_a_loss_that_it_does_not_know() -> None:
+    """The rule for the square error was returned, with its value and bound in the unit of the other loss."""
+    problem, prior = FiniteProblem(1.0 - np.eye(3)), Prior(np.eye(3), [0.5, 0.3, 0.2])
+    made = {"budget": Budget.regret(0.1), "loss": DoubledError()}
+    with pytest.raises(InputError, match="no rule is made against the loss"):
+        StackelbergDecisionMaker(problem, prior=prior, **made)
+    with pytest.raises(InputError, match="no rule is made against the loss"):
+        SequentialDecisionMaker(problem, chain=resting_chain(prior, 0.8), rng=np.random.default_rng(0), **made)
+    played = StackelbergDecisionMaker(problem, Budget.regret(0.1), prior=prior).mechanism
+    doubled, once = (leakage(played, prior, loss=loss).secret_worth for loss in (DoubledError(), SquaredError()))
+    assert doubled == pytest.approx(2.0 * once)

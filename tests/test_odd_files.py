@@ -135,6 +135,9 @@ ODD = {
         "'1.050' may have a decimal point or one of thousands"),
     "points of thousands in a row": (
         read_holdings, "Oil;Food;Tech\n1.234;987;5\n", {"assets": ASSETS}, "may have a decimal point or one of thousands"),
+    "points of thousands in a row of several": (
+        read_holdings, "date;Oil;Food;Tech\n2020-01;1.234;987;2.500\n2020-02;1.250;998;2.600\n", {"assets": ASSETS},
+        "'1.234' may have a decimal point or one of thousands"),
     "percent with a comma of either kind": (
         read_holdings, "asset;value\nOil;12,345%\nFood;87%\n", {"assets": ASSETS}, "'12,345%' may have a decimal comma"),
     "a quoted percentage with a comma": (

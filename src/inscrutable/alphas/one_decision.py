@@ -159,6 +159,9 @@ def _searched(costs: Array, gains: Array, limit: float) -> tuple[Array, Array]:
     """
     if limit >= float(np.trace(costs)):
         return np.eye(len(costs)), np.ones(len(costs))
+    if limit == 0.0:  # no price is high enough: what costs nothing stays hidden
+        values, turn = np.linalg.eigh(costs)
+        return turn, (_without_rounding(values) == 0.0).astype(float)
     price, bracket, slope = float(np.trace(gains)) / float(np.trace(costs)), (0.0, np.inf), -1.0
     if len(costs) > _LARGE:
         few = costs.astype(np.float32), gains.astype(np.float32)

@@ -132,11 +132,12 @@ def _check_grouped(table: TextTable, points: Sequence[tuple[int, int]]) -> None:
     """Raise `InputError` where each number with a point may be one of thousands, and one below a thousand stands beside it."""
     if not all(_THOUSANDS.fullmatch(table.rows[row][column]) for row, column in points):
         return
-    is_row = len(table.rows) == 1
-    beside = table.rows if is_row else zip(*table.rows, strict=True)
-    small = [any(map(_BELOW_THOUSAND.fullmatch, cells)) for cells in beside]
+    in_rows, in_columns = (
+        [any(map(_BELOW_THOUSAND.fullmatch, cells)) for cells in lines]
+        for lines in (table.rows, zip(*table.rows, strict=True))
+    )
     for row, column in points:
-        if small[0 if is_row else column]:
+        if in_rows[row] or in_columns[column]:
             raise InputError(
                 f"{table.place(row, column)}: {shown(table.rows[row][column])} may have a decimal point or one of thousands; "
                 "write numbers without points of thousands, or all with the same decimals"

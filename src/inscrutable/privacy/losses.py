@@ -194,6 +194,21 @@ def checked_loss(loss: Any, n_states: int, problem: DecisionProblem | None = Non
     return loss
 
 
+def loss_of_rule(loss: Any, n_states: int, problem: DecisionProblem) -> Loss:
+    """Return a loss against which rules are solved: the square error itself, or one with a rival's problem.
+
+    Raises:
+        InputError: As `checked_loss`, or it is another loss: a rule for the square error would be taken for a rule for it.
+    """
+    found = checked_loss(loss, n_states, problem)
+    if type(found) is not SquaredError and not isinstance(found, DecisionLoss):
+        raise InputError(
+            f"no rule is made against the loss {loss!r}: give SquaredError(), NamingError(), RivalProblem(problem) or a "
+            "DecisionLoss of your own; `leakage` judges every rule by any loss"
+        )
+    return found
+
+
 def on_simplex(means: Array) -> Array:
     """Return means (n,X) of beliefs, projected on the simplex to remove rounding."""
     held = np.maximum(means, 0.0)

@@ -59,7 +59,12 @@ def minimise_smooth(costs: SmoothCosts, held: Array, starts: Array, layout: Layo
         # Near the end the fall of the cost is below its rounding: the full step is taken, which solves the stationarity
         # equations.
         trusted = fall <= _UNSEEN * rounding
-        shares, moved = _searched(costs, beliefs, _Ways(here, steps, model.values + rounding, fall, reach), ~trusted)
+        line = _Ways(here, steps, model.values + rounding, fall, reach)
+        shares, moved = _searched(costs, beliefs, line, ~trusted)
+        astray = _astray(
+            costs, beliefs, line._replace(values=model.values + _UNSEEN * rounding), np.flatnonzero(trusted)
+        )
+        shares[astray], moved[astray] = 0.0, False
         points[left] = np.where((shares == 1.0)[:, None], ends, here + shares[:, None] * steps)
         size = np.maximum(np.abs(here).max(axis=1), 1.0)
         done = np.abs(steps).max(axis=1, initial=0.0) <= tolerances.STATIONARITY * size
@@ -94,6 +99,15 @@ class _Ways(NamedTuple):
     values: Array
     fall: Array
     reach: Array
+
+
+def _astray(costs: SmoothCosts, held: Array, line: _Ways, trusted: np.ndarray) -> np.ndarray:
+    """Return which of the trusted points a full step moves uphill: where costs are flat it is the rounding of a slope, divided
+    by the damping, and may go anywhere."""
+    if not trusted.size:
+        return trusted
+    reached = costs.values(held[trusted], line.here[trusted] + line.reach[trusted, None] * line.steps[trusted])
+    return np.asarray(trusted[~(reached <= line.values[trusted])])
 
 
 def _searched(costs: SmoothCosts, held: Array, line: _Ways, doubtful: np.ndarray) -> tuple[Array, np.ndarray]:

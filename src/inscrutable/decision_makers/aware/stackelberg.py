@@ -31,7 +31,7 @@ from inscrutable.decision_makers.envelope import best_mixtures
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions, Progress
 from inscrutable.kernels.threads import one_blas_thread
 from inscrutable.mechanisms import Mechanism, Prior
-from inscrutable.privacy.losses import DecisionLoss, Loss, checked_loss
+from inscrutable.privacy.losses import DecisionLoss, Loss, loss_of_rule
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -95,7 +95,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
         options = checked_options(worst_regret, plausible_only, 1.0 if gap is None else gap)
         super().__init__(problem, budget, prior, candidates, options, guarantees_of(guarantees, worst_regret))
         self.asked = gap
-        self.loss = checked_loss(loss, self.problem.n_states, self.problem)
+        self.loss = loss_of_rule(loss, self.problem.n_states, self.problem)
 
     def _solve(self, progress: Progress | None) -> _Solution:
         return _promised(self) if self.guarantees else _solved(self, progress)

@@ -31,7 +31,7 @@ from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.chains import BeliefChain, filtered_chain
 from inscrutable.mechanisms.disclosures import Disclosure
 from inscrutable.privacy import Loss
-from inscrutable.privacy.losses import checked_loss
+from inscrutable.privacy.losses import loss_of_rule
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
@@ -136,7 +136,7 @@ class SequentialDecisionMaker(Described):
         self.budget = as_budget(budget)
         self._rng = validation.generator(rng)
         self.chain = _checked_chain(chain, _chain_of(world, self._rng), self.problem)
-        self.loss = checked_loss(loss, self.problem.n_states, self.problem)
+        self.loss = loss_of_rule(loss, self.problem.n_states, self.problem)
         self.disclosure = _checked_disclosure(disclosure)
         if information_price is not None and not (
             isinstance(information_price, (int, float)) and information_price >= 0

@@ -433,3 +433,9 @@ def test_costs_that_are_flat_along_the_budget_line_keep_the_solvers_optimum():
         belief = np.array([share, 1.0 - share])
         assert problem.optimal_cost(belief) == pytest.approx((costs_there @ belief).min(), abs=1e-7)
     assert problem.regret([1.0, 0.0], [1.0, 0.0]) == pytest.approx(0.5, abs=1e-7)
+
+
+def test_a_cost_of_which_cvxpy_knows_no_slope_is_named():
+    u = cp.Variable(3)
+    with pytest.raises(ModelError, match=r"knows no slope of the cost of state 1, norm_inf\(.*max\(abs\(x\)\)"):
+        ConvexProblem(u, [cp.sum_squares(u - 0.3), cp.norm_inf(u - 0.1)], [cp.sum(u) == 1, u >= 0]).solve([0.5, 0.5])

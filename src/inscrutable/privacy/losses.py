@@ -203,8 +203,8 @@ def loss_of_rule(loss: Any, n_states: int, problem: DecisionProblem) -> Loss:
     found = checked_loss(loss, n_states, problem)
     if type(found) is not SquaredError and not isinstance(found, DecisionLoss):
         raise InputError(
-            f"no rule is made against the loss {loss!r}: give SquaredError(), NamingError(), RivalProblem(problem) or a "
-            "DecisionLoss of your own; `leakage` judges every rule by any loss"
+            f"no rule is made against the loss {loss!r}: give SquaredError(), NamingError() or RivalProblem(problem), also "
+            "of a problem of your own; `leakage` judges every rule by any loss"
         )
     return found
 

@@ -72,7 +72,13 @@ class Modelled:
         for row, point in enumerate(points):
             self._variable.save_value(point)
             for i, cost in enumerate(self._costs):
-                slope = cost.grad.get(self._variable, 0.0)
+                try:
+                    slope = cost.grad.get(self._variable, 0.0)
+                except NotImplementedError:
+                    raise ModelError(
+                        f"CVXPY knows no slope of the cost of state {i}, {cost}: write it with other atoms, such as "
+                        "max(abs(x)) for norm_inf(x)"
+                    ) from None
                 dense = slope.toarray() if hasattr(slope, "toarray") else slope
                 found[row, i] = np.nan if dense is None else np.ravel(dense)
         return found

@@ -165,13 +165,16 @@ class AlphaProblem:
         if isinstance(self.risk, FactorRisk):
             rows, solved, inner = self._equality_solves
             first = self.risk.solve(values)
-            return _without_rounding(first - solved @ (inner @ (rows @ first)), first) if len(rows) else first
+            if not len(rows):
+                return first
+            return _without_rounding(first - solved @ (inner @ (rows @ first)), np.abs(first))
         if not len(self.equalities[0]):
             return self.risk.solve(values)
         basis, inside = self._inside
         if not basis.shape[1]:  # the equalities fix the decision
             return np.zeros(np.shape(values))
-        return np.asarray(basis @ inside.solve(_without_rounding(basis.T @ values, values)))
+        size = np.abs(values).max(axis=0, initial=0.0)
+        return np.asarray(basis @ inside.solve(_without_rounding(basis.T @ values, size)))
 
     @cached_property
     def _equality_solves(self) -> tuple[Array, Array, Array]:
@@ -222,9 +225,8 @@ class AlphaProblem:
         return f"AlphaProblem({self.risk!r}{what}, risk aversion {self.risk_aversion:g}, {self.constraints!r})"
 
 
-def _without_rounding(left: Array, terms: Array) -> Array:
-    """Return what is left of terms (…) or (…,m) that cancel, 0 where it is the rounding of the largest in its column."""
-    size = np.abs(terms).max(axis=0, initial=0.0)
+def _without_rounding(left: Array, size: Array) -> Array:
+    """Return what is left of terms of this size that cancel, 0 where it is their rounding."""
     return np.asarray(np.where(np.abs(left) > tolerances.NO_VARIANCE * size, left, 0.0))
 
 

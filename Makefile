@@ -36,7 +36,7 @@ test: export OMP_NUM_THREADS := 1
 test: .venv/.core ## lint, types, layout, unit tests, doctests, documents and examples (some seven minutes on two cores)
 	@$(MAKE) --no-print-directory -j 2 lint types imports units
 
-# The tests begin while types are still checked: from nothing, that takes as long as all kernels and half a minute more.
+# The tests begin while types are still checked, which from nothing takes half a minute longer than all kernels, on one core.
 units: kernels .venv/.test
 	$(BIN)/pytest -n 2 --dist worksteal
 

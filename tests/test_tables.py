@@ -150,6 +150,9 @@ def test_line_numbers_count_lines_inside_quotes(file: Path) -> None:
         (["2020-01-31", "2020-01-31"], ["line 3, column 'date'", "duplicated", "line 2"]),
         (["2020-02-29", "2020-01-31"], ["line 3, column 'date'", "goes back in time", "'2020-02-29'"]),
         (["01/02/2020", "01/03/2020"], ["line 2", "day first or month first", "YYYY-MM-DD"]),
+        # increasing with the month first, with the day first the newest row stands first
+        (["01/10/2020", "02/09/2020"], ["line 2", "day first or month first"]),
+        (["01/03/2020", "02/02/2020", "03/01/2020"], ["line 2", "day first or month first"]),
     ],
 )
 @pytest.mark.parametrize("reader", [read_returns, read_beliefs])
@@ -171,7 +174,8 @@ def test_bad_date(file: Path, reader: Any, dates: list[str], parts: list[str]) -
         (["03.04.2020", "04.05.2020"], ["2020-04-03", "2020-05-04"]),
         (["31/01/2020", "01/02/2020"], ["2020-01-31", "2020-02-01"]),
         (["1/31/2020", "2/1/2020"], ["2020-01-31", "2020-02-01"]),
-        (["01/10/2020", "02/09/2020"], ["2020-01-10", "2020-02-09"]),  # day first would go back in time
+        # the day first would be in no order
+        (["01/10/2020", "02/09/2020", "03/11/2020"], ["2020-01-10", "2020-02-09", "2020-03-11"]),
         (["2020-01-31 00:00:00-05:00", "2020-02-03 00:00:00-05:00"], ["2020-01-31", "2020-02-03"]),
         (["2020-01-31T16:00", "2020-01-31T17:00"], ["2020-01-31 16:00", "2020-01-31 17:00"]),
     ],

@@ -88,7 +88,8 @@ def is_date(text: str) -> bool:
 def _reading(table: TextTable, *, increasing: bool) -> list[datetime] | None:
     """Return the dates in the one notation that parses the whole column; None without one.
 
-    The order of 01/02/2020 is the one that fits every row: months up to 12 and, if required, increasing dates.
+    The order of 01/02/2020 is the one that fits every row: months up to 12 and, if required, increasing dates. Where the
+    other one has the newest row first, neither is more likely.
     """
     cells = [row[0] for row in table.rows]
     readings: list[list[datetime]] = []
@@ -96,7 +97,7 @@ def _reading(table: TextTable, *, increasing: bool) -> list[datetime] | None:
         days = _read_all(notation, cells)
         if days is not None and days not in readings:
             readings.append(days)
-    if increasing and len(readings) > 1:
+    if increasing and not any(all(a > b for a, b in pairwise(days)) for days in readings):
         readings = [days for days in readings if all(a < b for a, b in pairwise(days))] or readings
     if len(readings) > 1:
         raise InputError(

@@ -704,8 +704,23 @@ def test_under_limits_the_budget_is_spent() -> None:
         AlphaDecisionMaker(problem_of(np.eye(2)), 0.5, prior_covariance=np.eye(2)).under_limits(rng=rng)
 
 
-def test_prices_in_single_precision_find_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(FRESH_SEED)
+def test_under_limits_the_regret_is_simulated_without_a_budget_and_where_silence_is_free() -> None:
+    for mean in (0.0, 5.0):
+        for budget in (Budget.regret(0.0), Budget.relative(0.0), Budget.relative(0.5)):
+            problem = AlphaProblem([[0.04]], 2.5, box([0.0], [1.0]))
+            maker = AlphaDecisionMaker(problem, budget, prior_covariance=[[4e-4]], prior_mean=[mean])
+            grown = maker.under_limits(draws=200, rng=np.random.default_rng(0))
+            assert grown.simulated_regret is not None
+            if mean:  # the weight stays at its limit, whatever the signal
+                assert grown.simulated_regret.silence == 0.0
+                assert grown.error == pytest.approx(4e-4)
+            spent = budget.amount * grown.simulated_regret.silence
+            assert grown.simulated_regret.mean == pytest.approx(spent, rel=1e-3, abs=1e-15)
+
+
+@pytest.mark.parametrize("seed", [FRESH_SEED, 20267163], ids=["fresh", "direction of value zero beside the last one"])
+def test_prices_in_single_precision_find_the_same(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(seed)
     theta, prior = covariance(rng, 80) + 0.1 * np.eye(80), covariance(rng, 80)
     errors = []
     for large in (500, 10):
@@ -713,7 +728,7 @@ def test_prices_in_single_precision_find_the_same(monkeypatch: pytest.MonkeyPatc
         maker = AlphaDecisionMaker(problem_of(theta), 0.4, prior_covariance=prior, objective="error")
         assert maker.regret == pytest.approx(maker.limit, rel=1e-9)
         errors.append(maker.error)
-    assert errors[1] == pytest.approx(errors[0], rel=3e-7), FRESH_SEED
+    assert errors[1] == pytest.approx(errors[0], rel=3e-7), seed
 
 
 def test_draws_of_large_laws_do_not_depend_on_eigenvectors(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -284,8 +284,6 @@ class AlphaDecisionMaker:
         regrets = regrets_of(self.problem, self.start_mean + means)
         silent = mean_of(regrets(np.broadcast_to(self.start_mean, means.shape)))
         target = self.budget.amount * (silent.mean if self.budget.is_relative else 1.0)
-        if target <= 0.0:
-            return self
 
         def cost(limit: float) -> SimulatedRegret:
             law = self._spending(limit).plan.law
@@ -295,7 +293,7 @@ class AlphaDecisionMaker:
 
         limit, found = self.silence_regret, silent
         if target < silent.mean:
-            limit, found = spending(cost, target, self.silence_regret, silent)
+            limit, found = spending(cost, target, self.silence_regret, silent) if target > 0.0 else (0.0, cost(0.0))
         grown = self._spending(limit)
         grown.simulated_regret = found._replace(silence=silent.mean)
         return grown

@@ -195,7 +195,8 @@ def _filled_directions(
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the fully and the partly hidden directions that spend the limit, and a bound of the loss.
 
-    Directions of least |value| change first; directions of value zero, and of at most `most`, are partly hidden.
+    Directions of least |value| change first. The last one is partly hidden, and if its value is at most `most`, with it all
+    of such values.
     """
     near = min(most, np.sqrt(tolerances.SAME_PRICE) * float(np.abs(values).max())) + np.finfo(float).tiny
     kept, tied = values > 0.0, np.abs(values) <= near
@@ -210,6 +211,8 @@ def _filled_directions(
     part = min(1.0, 1.0 - (float(spent[last]) - abs(missing)) / whole)
     lost = float(np.abs(values[side[:last]]).sum()) + part * float(np.abs(values[side[last]]))
     kept[side[:last]] = missing > 0.0
+    # Shared with directions of value zero, a larger part of a larger value would be lost.
+    tied &= abs(float(values[side[last]])) <= near
     tied[side[last]] = True
     return kept & ~tied, tied, lost
 

@@ -62,6 +62,7 @@ def coarse_rivals(beliefs: int = 60, draws: int = 1) -> Iterator[None]:
 def short_simulations(steps: int = 80, last: int = 250) -> Iterator[None]:
     """Prices of sequential rules are found from a quarter of the steps, or fewer."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration, "_COARSE", min(calibration._COARSE, steps))
         patch.setattr(calibration, "_FINE", steps)
         patch.setattr(calibration, "_LAST", last)
         yield

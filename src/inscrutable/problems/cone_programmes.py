@@ -71,10 +71,14 @@ def cone_programme(cvxpy: Any, problem: Any, parameter: Any, variable: Any) -> C
     is_linear &= "P" not in data or abs(sparse.triu(data["P"]) - squares).max() <= rounding
     for other in each:
         is_linear &= abs(data["A"] - other["A"]).max() == 0 and np.array_equal(data["b"], other["b"])
-    found = made.solve(uneven) if is_linear and first is not None else None
-    if found is None:
+    if not is_linear or first is None:
         return None
-    cost = problem.solve(solver=cvxpy.CLARABEL, warm_start=False)
-    variable.save_value(found)
-    gap = abs(float(problem.objective.value) - cost)
-    return made if gap <= tolerances.CONE_COST * max(abs(cost), 1.0) else None
+    for belief in (uneven, *np.eye(parameter.size)):  # Clarabel stops short of a solution at some beliefs
+        found = made.solve(belief)
+        if found is not None:
+            parameter.value = belief
+            cost = problem.solve(solver=cvxpy.CLARABEL, warm_start=False)
+            variable.save_value(found)
+            gap = abs(float(problem.objective.value) - cost)
+            return made if gap <= tolerances.CONE_COST * max(abs(cost), 1.0) else None
+    return None

@@ -265,7 +265,7 @@ def cases(kind: str, n_states: int, sign: float, priced: bool, count: int, seed:
         price = 0.0
         if priced:
             price = float(rng.uniform(0.2, 3.0) / np.quantile(reach[on_face], 0.9))
-        aim = Aim(belief, belief if sign > 0 else target, sign, cost, limit, price)
+        aim = Aim(belief, belief if sign > 0 else target, sign, cost, limit, price, limit)
         case = Case(problem, face, aim, rough)
         allowed = rough[case.spare(rough) > 1e-7]
         if len(allowed) >= 5:
@@ -374,7 +374,7 @@ def test_many_states_as_slsqp_climbs(sign: float) -> None:
             continue
         draws = belief + rng.uniform(size=(200, 1)) * (rng.dirichlet(np.ones(n_states), 200) - belief)
         limit = float(np.quantile(regrets(face, belief, cost, draws), 0.5))
-        case = Case(problem, face, Aim(belief, belief if sign > 0 else target, sign, cost, limit, 0.0), draws)
+        case = Case(problem, face, Aim(belief, belief if sign > 0 else target, sign, cost, limit, 0.0, limit), draws)
         allowed = draws[case.spare(draws) > 1e-6]
         if len(allowed) < 10:
             continue
@@ -416,14 +416,14 @@ def test_the_whole_climb_from_the_true_belief_with_a_known_end() -> None:
     face = face_programme(problem, np.zeros(3, dtype=bool))
     cost = float(problem.optimal_cost(belief))
     limit = 0.01
-    far = Case(problem, face, Aim(belief, belief, 1.0, cost, limit, 0.0), np.zeros((0, 3)))
+    far = Case(problem, face, Aim(belief, belief, 1.0, cost, limit, 0.0, limit), np.zeros((0, 3)))
     _, y, _ = far.climb(np.array([0.31, 0.3, 0.39]))
     np.testing.assert_allclose(np.linalg.norm(y - belief), 0.2, atol=1e-7)
-    near = Case(problem, face, Aim(belief, target, -1.0, cost, limit, 0.0), np.zeros((0, 3)))
+    near = Case(problem, face, Aim(belief, target, -1.0, cost, limit, 0.0, limit), np.zeros((0, 3)))
     _, y, _ = near.climb(belief)
     away = target - belief
     np.testing.assert_allclose(y, belief + 0.2 * away / np.linalg.norm(away), atol=1e-6)
-    priced = Case(problem, face, Aim(belief, belief, 1.0, cost, np.inf, 4.0), np.zeros((0, 3)))
+    priced = Case(problem, face, Aim(belief, belief, 1.0, cost, np.inf, 4.0, np.inf), np.zeros((0, 3)))
     loss, y, _ = priced.climb(np.array([0.35, 0.3, 0.35]))
     np.testing.assert_allclose(np.linalg.norm(y - belief), 0.5, atol=1e-6)  # max d − 4·d²/4
     np.testing.assert_allclose(loss, -0.25, atol=1e-8)

@@ -60,7 +60,7 @@ def cases(n_states: int, n_assets: int, free: int, count: int, sign: float = 1.0
         limit = float(rng.choice([0.01, 0.1, 0.3])) * abs(optimal)
         point = belief if sign > 0 else rng.dirichlet(np.ones(n_states))
         decoys = belief + rng.uniform(size=(20, 1)) * (rng.dirichlet(np.ones(n_states), 20) - belief)
-        aim = Aim(belief, point, sign, optimal, limit, 0.0)
+        aim = Aim(belief, point, sign, optimal, limit, 0.0, limit)
         for decoy, action in zip(decoys, problem.solve(decoys), strict=True):
             tight = problem.constraints.tight_rows(action)
             if (~tight).sum() - 1 != free:

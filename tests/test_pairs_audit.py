@@ -164,9 +164,9 @@ def test_the_design_effect_of_an_autoregression(stay: float) -> None:
 def test_the_limit_of_means_holds_for_skewed_losses_in_time(fresh_rng: np.random.Generator) -> None:
     truth = float(np.exp(0.5 / (1 - 0.25)))  # of the exponential of an autoregression with ½
     held = sum(
-        mean_limit(np.exp(autocorrelated(fresh_rng, 400, 1, 0.5)[:, 0]), 0.95, fresh_rng) >= truth for _ in range(100)
+        mean_limit(np.exp(autocorrelated(fresh_rng, 400, 1, 0.5)[:, 0]), 0.95, fresh_rng) >= truth for _ in range(300)
     )
-    assert held >= 84
+    assert held >= 255  # fewer happen once in 30,000 runs: it holds in .916 of 4,000 draws
 
 
 def test_no_row_is_read_with_what_comes_after_it(fresh_rng: np.random.Generator) -> None:
@@ -482,4 +482,5 @@ def test_an_autocorrelated_secret_is_worth_few_rows_and_says_so(fresh_rng: np.ra
     found = audit_pairs(steps[-300:], shown, shifts=19)
     assert "180 test rows are worth about" in found.summary()
     assert not audit_pairs(fresh_rng.normal(size=300), shown, shifts=19).notes
-    assert not audit_pairs(steps[-300:] > 0, shown, shifts=19).notes, "shares wrong have a limit of their own"
+    halves = steps[-300:] > np.median(steps[-300:])
+    assert not audit_pairs(halves, shown, shifts=19).notes, "shares wrong have a limit of their own"

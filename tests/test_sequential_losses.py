@@ -232,8 +232,10 @@ def calibrated(
     at = [with_rival(given.budget, calibration=PriceCalibration.at(price, told)) for price in found.regret_prices]
     paths = [each.decide_path(each.beliefs[places], rng=rng) for each in at]
     mean = found.shares @ [path.losses.mean() for path in paths]
-    # A belief that rests half of the time: steps weigh as a third of independent ones.
-    error = found.shares @ [path.losses.std() for path in paths] * np.sqrt(3.0 / len(places))
+    # A belief that rests half of the time: steps weigh as a third of independent ones. What no step has met may be met once.
+    possible = maker.chain.prior.beliefs @ answers_of(maker.loss, maker.chain.prior.beliefs.shape[1])
+    spread = [np.sqrt(path.losses.var() + np.ptp(possible) ** 2 / len(places)) for path in paths]
+    error = found.shares @ spread * np.sqrt(3.0 / len(places))
     assert mean == pytest.approx(found.loss, abs=5.0 * float(np.hypot(error, found.loss_se)))
     return maker, paths[0]
 

@@ -260,7 +260,7 @@ error of another."""
 
 COST_ROUNDING = 1e-14
 """Rounding of an expected cost as it is computed, relative to its size: a few dozen roundings. It is all that a constant
-added to all costs changes in a proof."""
+added to all costs changes in a proof, and a budget, which limits a difference of costs, is met to no less."""
 
 COMMON_COST = 1e3
 """A cost that all decisions share is subtracted where it exceeds their differences by more than this factor: it would take

@@ -65,6 +65,7 @@ class Aim(NamedTuple):
     optimal_cost: float
     limit: float  # largest regret; infinite where a price is set
     price: float  # 0 where a budget is set
+    unit: float  # an excess of MET times this counts as none: the limit, or for smaller ones the rounding of costs over MET
 
 
 class _Place(NamedTuple):
@@ -319,7 +320,7 @@ def _restore(face: Any, aim: Any, basis: Any, turns: int, y: Any, w: Any, place:
         if not solve_kkt(curves, y, PIVOT, w, place.factor, place.gradients, place.slopes):
             return False, regret
         regret = cost_under(curves, aim.belief, w, place.gradients) - aim.optimal_cost
-        over = (regret - aim.limit) / aim.limit if aim.limit < np.inf else 0.0
+        over = (regret - aim.limit) / aim.unit if aim.limit < np.inf else 0.0
         if _shortfall(rows, y, w, over, lines.live) <= MET:
             return True, regret
         if turn == turns:

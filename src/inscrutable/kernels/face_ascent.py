@@ -171,7 +171,7 @@ def _pull(curves: Any, rows: Any, aim: Any, basis: Any, turns: int, place: Any, 
     step, multipliers = np.empty(k + n), np.empty(units.shape[0])
     for turn in range(turns + 1):
         left = aim.limit - cost_at(curves, aim.belief, w) + aim.optimal_cost
-        worst = -left / aim.limit if aim.limit < np.inf else 0.0
+        worst = -left / aim.unit if aim.limit < np.inf else 0.0
         for r in range(m):
             value = row_value(rows[r], z, w)
             worst = max(worst, abs(value) if r < k else -value)

@@ -42,6 +42,7 @@ class Aims(NamedTuple):
     optimal_costs: Any  # (T,)
     limits: Any  # (T,) infinite where a price is set
     prices: Any  # (T,) 0 where a budget is set
+    rounding: Any  # (T,) of expected costs
 
 
 class Climbs(NamedTuple):
@@ -88,8 +89,11 @@ def climb_room(n_states: int, n_actions: int, n_rows: int) -> ClimbRoom:
 @inlined
 def aim_of(aims: Any, t: int) -> Aim:
     """The objective of belief t; a little of its budget is left, so that rounding cannot exceed it."""
-    limit = aims.limits[t] * (1.0 - BUDGET_SAFETY)
-    return Aim(aims.beliefs[t], aims.points[t], aims.sign, aims.optimal_costs[t], limit, aims.prices[t])
+    limit, rounding = aims.limits[t], aims.rounding[t]
+    unit = max(limit, rounding / MET)
+    if limit < np.inf:
+        limit -= max(BUDGET_SAFETY * limit, 2.0 * rounding)
+    return Aim(aims.beliefs[t], aims.points[t], aims.sign, aims.optimal_costs[t], limit, aims.prices[t], unit)
 
 
 @uncounted
@@ -115,7 +119,7 @@ def _keep(face: Any, aim: Any, basis: Any, trial: Any, weight: float, optima: An
     distance = nearest_belief(face, trial, aim.point, basis, NO_ROW, room.member, room.distance)
     regret = cost_at(face.curves, aim.belief, trial) - aim.optimal_cost
     # Rounding may end a line a little beyond the budget; the aim's limit leaves room for that.
-    if not distance < np.inf or regret > aim.limit * (1.0 + MET):
+    if not distance < np.inf or regret > aim.limit + MET * aim.unit:
         return
     value = aim.sign * distance
     if aim.price > 0.0:
@@ -204,7 +208,7 @@ def climb_border(face: Any, aim: Any, basis: Any, y: Any, w: Any, room: Any) -> 
     for _ in range(_HALVINGS):
         value = decision_value(face, aim, basis, there, room.member, room.distance)
         # The climb's end may exceed the budget by rounding; the aim's limit leaves room for that.
-        fits = cost_at(face.curves, aim.belief, there) - aim.optimal_cost <= aim.limit * (1.0 + MET)
+        fits = cost_at(face.curves, aim.belief, there) - aim.optimal_cost <= aim.limit + MET * aim.unit
         if value > best and fits and _is_admissible(face, there):
             best, low = value, share
             put(there, w)

@@ -169,7 +169,8 @@ class SearchSpace:
         # Copies, all of one layout: kernels would be compiled anew for one that is read-only.
         held = np.array(beliefs, dtype=np.float64, order="C")
         optimal = self.problem.solve_rows(held)
-        costs = (self.problem.costs_of(optimal) * held).sum(axis=1)
+        state_costs = self.problem.costs_of(optimal)
+        costs = (state_costs * held).sum(axis=1)
         optimal_costs = costs if self.stated is self.problem else (self.stated.costs_of(optimal) * held).sum(axis=1)
         points, sign = held, 1.0
         if isinstance(measure, DesiredObfuscation):
@@ -180,7 +181,8 @@ class SearchSpace:
             assert reference is not None, "only measures that follow a distance are searched"
             points, sign = np.array(reference.point[None], order="C"), float(reference.sign)
         limits = np.array(budget.limits(optimal_costs), dtype=np.float64)
-        return Aims(held, optimal, points, sign, costs, limits, np.zeros(len(held))), optimal_costs
+        rounding = tolerances.COST_ROUNDING * (np.abs(state_costs) * held).sum(axis=1)
+        return Aims(held, optimal, points, sign, costs, limits, np.zeros(len(held)), rounding), optimal_costs
 
     def decisions(self, variables: Array) -> Array:
         """Return the decisions (…,U) of the problem that was asked for from those (…,V) of its form."""

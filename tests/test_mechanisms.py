@@ -249,6 +249,11 @@ def test_a_mechanism_checks_itself(change, message):
         Mechanism(**{**held, **change})
 
 
+def test_regrets_below_zero_by_rounding_are_zero():
+    found = Mechanism(np.eye(2), [[0.0], [1.0]], np.eye(2), [[0.3, 0.0], [0.2, -2e-16]])
+    np.testing.assert_array_equal(found.regrets, [[0.3, 0.0], [0.2, 0.0]])
+
+
 def test_a_sparse_table_is_cleaned():
     table = sparse.csr_array(([1.0 + 5e-9, 1e-9, 1.0], ([0, 1, 1], [0, 0, 1])), shape=(2, 2))
     found = Mechanism([[1.0, 0.0], [0.0, 1.0]], [[0.0], [1.0]], table, np.zeros((2, 2)))

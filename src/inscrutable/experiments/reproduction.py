@@ -95,7 +95,7 @@ def reproduce(
         InputError: The folder cannot be written to, is in use, or holds another study.
         ModelError: The law admits no market with positive optimal costs.
 
-    Cost: about 0.1 s of one core per market, a third of it in the paper's local solver.
+    Cost: about 0.8 s of one core per market, most of it in the paper's local solver.
     Source: the paper, Section V.
 
     Example:

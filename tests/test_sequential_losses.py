@@ -216,6 +216,13 @@ def test_two_states_alike_lose_what_is_given_up(regret: float) -> None:
     assert maker.ceiling == pytest.approx(regret, abs=1e-4)
 
 
+def answered(loss: Loss, beliefs: np.ndarray) -> np.ndarray:
+    """What the answer to each belief costs the rival under each."""
+    if isinstance(loss, RivalProblem):
+        return beliefs @ loss.problem.state_costs(loss.problem.solve(beliefs)).T
+    return 1.0 - beliefs
+
+
 def calibrated(
     given: SequentialDecisionMaker, rng: np.random.Generator
 ) -> tuple[SequentialDecisionMaker, PathDecisions]:
@@ -233,7 +240,7 @@ def calibrated(
     paths = [each.decide_path(each.beliefs[places], rng=rng) for each in at]
     mean = found.shares @ [path.losses.mean() for path in paths]
     # A belief that rests half of the time: steps weigh as a third of independent ones. What no step has met may be met once.
-    possible = maker.chain.prior.beliefs @ answers_of(maker.loss, maker.chain.prior.beliefs.shape[1])
+    possible = answered(maker.loss, maker.chain.prior.beliefs)
     spread = [np.sqrt(path.losses.var() + np.ptp(possible) ** 2 / len(places)) for path in paths]
     error = found.shares @ spread * np.sqrt(3.0 / len(places))
     assert mean == pytest.approx(found.loss, abs=5.0 * float(np.hypot(error, found.loss_se)))

@@ -152,6 +152,14 @@ def test_wrong_usage_is_two(run, arguments: list[str], message: str) -> None:  #
     assert is_one_clear_message(err)
 
 
+@pytest.mark.parametrize("verb", ["compare", "disclose"])
+@pytest.mark.parametrize("flag", ["--market", "--model"])
+def test_the_file_of_a_backtest_has_one_name_in_all_commands(run, verb: str, flag: str) -> None:  # type: ignore[no-untyped-def]
+    code, out, err = run(verb, flag, "nothing.json")
+    assert (code, out) == (3, "")
+    assert "nothing.json cannot be read" in err
+
+
 def test_values_of_the_command_line() -> None:
     assert budget_of("0.1") == Budget.relative(0.1)
     assert budget_of("regret:0.002") == Budget.regret(0.002)

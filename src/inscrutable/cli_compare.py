@@ -16,7 +16,7 @@ from inscrutable.cli_values import DATA, PRIVACY, Out, Seed, Whole, budgets_of, 
 
 def compare(
     *,
-    market: Annotated[str, Parameter(group=DATA)] = "paper",
+    market: Annotated[str, Parameter(("--market", "--model"), group=DATA)] = "paper",
     resolution: Annotated[Whole, Parameter(group=DATA)] = 30,
     rival: Annotated[Path | None, Parameter(group=DATA)] = None,
     budgets: Annotated[str, Parameter(group=PRIVACY)] = "silence:0.25,0.5,0.75,1",

@@ -21,7 +21,7 @@ _Makers = Literal["ODM", "CDM", "PDM", "rate-distortion", "Stackelberg", "sequen
 
 def disclose(
     *,
-    market: Annotated[str, Parameter(group=DATA)] = "returns",
+    market: Annotated[str, Parameter(("--market", "--model"), group=DATA)] = "returns",
     resolution: Annotated[Whole, Parameter(group=DATA)] = 20,
     disclosures: Annotated[str | None, Parameter(group=PRIVACY)] = None,
     rule: Annotated[_Makers, Parameter(group=PRIVACY)] = "ODM",

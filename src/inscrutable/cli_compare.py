@@ -33,7 +33,7 @@ def compare(
 
     The table also has an observer who follows all decisions over time, and one who first learns the risk aversion.
 
-    Every rule spends the same expected regret. Example: inscrutable compare --market demo/model.json --budgets 0.05,0.1
+    Every rule spends the same expected regret. Example: inscrutable compare --model demo/model.json --budgets 0.05,0.1
 
     Args:
         market: paper (a random market with equally likely beliefs that last as long as regimes), returns (the 12 embedded US

@@ -438,7 +438,7 @@ def _silence(result: Backtest) -> str:
     if worth > 0.0:
         beforehand = (
             " The best one known beforehand, that for the long-run mean of the belief, would have cost "
-            f"{_points(worth, 3)}."
+            f"{_points(worth, 3)}, which is what the belief is worth."
         )
     return (
         "In hindsight silence would have been cheaper: the best constant portfolio for these beliefs reveals nothing and would "

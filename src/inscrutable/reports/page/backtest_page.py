@@ -311,14 +311,15 @@ def _figures_of_one(result: Backtest) -> list[PageFigure]:
             "What the observer reads from one decision",
             f"The star is the investor's belief π. Coloured marks are {shown} that the naive observer reads from each "
             f"published decision.{distance} Hollow or faint marks are decisions that the lottery did not draw, with their "
-            f"probabilities in percent. A dashed ring is the estimate of the aware observer.{unlike}",
+            "probabilities in percent. A dashed ring in the colour of a rule is the estimate that an aware observer makes from "
+            f"this decision alone.{unlike}",
         ),
         PageFigure(
             "frontier",
             "Privacy against regret, every budget",
-            "The solid line is the best single decision, the dashed one the best lottery, in expectation; the vertical line is "
-            "the budget. The black line is the tangent of the dashed one at the budget: its slope is the privacy that one more "
-            "unit of expected regret buys.",
+            "Privacy counts for the naive observer alone. The solid line is the best single decision, the dashed one the best "
+            "lottery, in expectation; the vertical line is the budget. The black line is the tangent of the dashed one at the "
+            "budget: its slope is the privacy that one more unit of expected regret buys.",
         ),
         PageFigure(
             "now",
@@ -362,8 +363,8 @@ def _figures_over_time(result: Backtest) -> list[PageFigure]:
             "beliefs",
             "What each observer believes, at this budget",
             "The colour is the likeliest regime, the height its probability. The first row is the investor's own belief; the "
-            "others are what is read from the published decision (for a lottery, from the draw) at face value, and by the "
-            "aware observer. A gap is a decision that no belief explains.",
+            "others are what is read from that decision alone (for a lottery, from the draw), at face value and by the aware "
+            "observer. A gap is a decision that no belief explains.",
             True,
         ),
     ]

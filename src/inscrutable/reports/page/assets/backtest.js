@@ -227,7 +227,7 @@
   function drawNumbers(step, budget) {
     const row = table(
       "now", "This decision in numbers", `${texts.step[step]}: belief ${guess(beliefs[step])} (${regimes.join(", ")})`,
-      ["Played", `regret, ${unit}`, "privacy Ψ", "read at face value", "read by the aware observer"],
+      ["Played", `regret, ${unit}`, "privacy Ψ", "read at face value", "read by the aware observer from it alone"],
     );
     for (const name of makers) {
       const [atoms, drawn, aware] = entry(name, step, budget);
@@ -291,7 +291,7 @@
     }
     for (const name of hiding) {
       const rows = data.dates.map((_, t) => entry(name, t, budget)[2]);
-      if (rows.some((each) => each)) strips.push([`read by the aware observer: ${names(name)}`, rows]);
+      if (rows.some((each) => each)) strips.push([`read by the aware observer from one decision alone: ${names(name)}`, rows]);
     }
     drawStrips("beliefs", step, strips);
   }

@@ -291,7 +291,7 @@
     }
     for (const name of hiding) {
       const rows = data.dates.map((_, t) => entry(name, t, budget)[2]);
-      if (rows.some((each) => each)) strips.push([`read by the aware observer from one decision alone: ${names(name)}`, rows]);
+      if (rows.some((each) => each)) strips.push([`aware, from one decision: ${names(name)}`, rows]);
     }
     drawStrips("beliefs", step, strips);
   }

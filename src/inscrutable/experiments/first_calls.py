@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 from collections.abc import Callable
 from pathlib import Path
@@ -54,14 +55,17 @@ def compile_kernels(*, n_jobs: int = -1, progress: Callable[[int, int], None] = 
 
 
 def _quietly(calls: Callable[[], None]) -> None:
-    """Suppress the log message that kernels are being compiled."""
+    """Suppress the log message that kernels are being compiled, and collect garbage at the end, not after each kernel."""
     logger = logging.getLogger(_NOTICE)
-    before = logger.level
+    before, collects = logger.level, gc.isenabled()
     logger.setLevel(logging.ERROR)
+    gc.disable()
     try:
         calls()
     finally:
         logger.setLevel(before)
+        if collects:
+            gc.enable()
 
 
 def _others() -> None:
@@ -100,7 +104,8 @@ def _decide(measure: PrivacyMeasure) -> None:
 
 def _decisions() -> None:
     from inscrutable.kernels.deferred import compiled_at_once, put_off
+    from inscrutable.kernels.region_search import best_starts, read_actions
     from inscrutable.kernels.set_distance import is_explained_once
 
-    with compiled_at_once(), put_off(is_explained_once):
+    with compiled_at_once(), put_off(best_starts, read_actions, is_explained_once):
         _decide(MaximalObfuscation())

@@ -1,6 +1,6 @@
 """Kernels that the interpreter runs until compiling them pays.
 
-The searches of one decision take some hundredths of a second compiled, some tenths interpreted, and half a minute to compile on
+The searches of one decision take some hundredths of a second compiled, some tenths interpreted, and 20 s to compile on
 a machine that has not done so yet. So the interpreter runs such a kernel until it has spent on it about what a compiler would;
 then the kernel is compiled, or at once where the machine's cache has it. Both do the same operations on doubles in the same
 order, so results have the same digits.
@@ -21,8 +21,8 @@ from numba.extending import is_jitted
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _PATIENCE = 3.0
-"""Seconds that the interpreter may spend on a kernel. A first decision on a machine that has compiled nothing takes 6 s instead
-of 29 over three states and 15 assets, 7 instead of 33 over five and 20."""
+"""Seconds that the interpreter may spend on a kernel. A first decision on a machine that has compiled nothing takes 4 s instead
+of 20 over three states and 15 assets, 6 instead of 20 over five and 20."""
 _patience = [_PATIENCE]
 
 
@@ -37,14 +37,17 @@ def compiled_at_once() -> Iterator[None]:
 
 
 @contextmanager
-def put_off(kernel: Any) -> Iterator[None]:
-    """Inside, a deferred kernel is interpreted, however long that takes: another process compiles it meanwhile."""
-    before, kernel._spent = kernel._spent, -np.inf
+def put_off(*kernels: Any) -> Iterator[None]:
+    """Inside, deferred kernels are interpreted, however long that takes: another process compiles them meanwhile."""
+    before = [kernel._spent for kernel in kernels]
+    for kernel in kernels:
+        kernel._spent = -np.inf
     try:
         yield
     finally:
-        kernel._spent = before
-        kernel._missing.clear()
+        for kernel, spent in zip(kernels, before, strict=True):
+            kernel._spent = spent
+            kernel._missing.clear()
 
 
 def deferred(compile_it: Callable[[Function], Function]) -> Callable[[Function], Function]:

@@ -8,13 +8,13 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 
-from inscrutable.kernels.linking import LinkedCompiler
+from inscrutable.kernels.linking import KernelCompiler, LinkedCompiler
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _njit: Any = numba.njit
 _ANY_ORDER = ("reassoc", "contract", "nnan", "nsz")
-_numbers = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_numbers = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "pipeline_class": KernelCompiler}
 _called = {**_numbers, "cache": True}
 _linked = {**_numbers, "no_cpython_wrapper": True, "pipeline_class": LinkedCompiler}
 

@@ -114,7 +114,11 @@ def _months(days: Sequence[datetime]) -> tuple[list[int], int]:
     usual, times = steps.most_common(1)[0] if steps else (0, 0)
     # Rows twice a month are no rows too many: where some share a month, nearly all others must be apart.
     least = 0.5 if 0 not in steps else 0.9
-    return months, usual if times > least * (len(days) - 1) else 0
+    if times > least * (len(days) - 1):
+        return months, usual
+    # January, February, June: no step is usual, and the smallest fits into each.
+    shortest = min(steps, default=0)
+    return months, shortest if shortest and all(step % shortest == 0 for step in steps) else 0
 
 
 def _month_text(month: int) -> str:

@@ -355,6 +355,19 @@ def test_an_optimal_decision_is_explained_whatever_the_scale_of_costs_with_kinks
         assert consistent_beliefs(problem, problem.solve(belief)).distance(belief) < 1e-4
 
 
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
+def test_every_belief_explains_the_decision_of_all_states_at_no_cost(size, fresh_rng):
+    """All costs have their minimum, zero, at one decision, which may be the solver's first point; no other is explained."""
+    for aim in (np.full(3, 1.0 / 3.0), fresh_rng.dirichlet(np.ones(3))):
+        u, first, second, third = cp.Variable(3), *(size * fresh_rng.uniform(0.2, 3.0, 3))
+        off = u - aim
+        costs = [first * cp.norm1(off), second * cp.max(cp.abs(off)), third * cp.norm(off)]
+        problem = ConvexProblem(u, costs, simplex(3))
+        assert all(consistent_beliefs(problem, aim).contains(belief) for belief in BELIEFS)
+        other = consistent_beliefs(problem, 0.9 * aim + [0.1, 0.0, 0.0])
+        assert not any(other.contains(belief) for belief in BELIEFS)
+
+
 def test_costs_whose_size_differs_between_places_are_solved_as_well():
     """Nearly flat or very steep where the size is looked at, and of size one at the best decision."""
     u = cp.Variable(1)

@@ -311,7 +311,8 @@ class ConvexProblem(DecisionProblem):
         own = self.state_costs(action)
         rows = np.zeros((0, self.n_states))
         fresh = np.eye(self.n_states)
-        scale = max(float(np.abs(own).max()), np.finfo(float).tiny)
+        # Costs may all be zero at a decision that every state takes; the solver's errors are not.
+        scale = max(float(np.abs(own).max()), self._model.scale if self._model else 0.0, np.finfo(float).tiny)
         for _ in range(_MOST_CUTS):
             planes = self.state_costs(self.solve(fresh)) - own
             losses = -(fresh * planes).sum(axis=1) if len(rows) else np.full(len(fresh), np.inf)

@@ -95,7 +95,7 @@ class Modelled:
         return np.array([np.full(size, 1.0 / size), np.linspace(0.3, 1.1, size)])
 
     @cached_property
-    def _scale(self) -> float:
+    def scale(self) -> float:
         """Size of the gradients at the probes and at the best decision for equal probabilities, a power of two and at most one.
 
         Smaller costs are scaled to size one, because the solver's tolerances are absolute: without this, the beliefs that
@@ -150,9 +150,9 @@ class Modelled:
         return self._solved[key]
 
     def _solve(self, belief: Array) -> Array:
-        if self._scale < 1.0:
+        if self.scale < 1.0:
             try:
-                return self._solve_at(belief / self._scale)
+                return self._solve_at(belief / self.scale)
             except (ModelError, SolverError):
                 pass  # the unscaled problem below is judged, and reported
         return self._solve_at(belief)

@@ -17,7 +17,8 @@ from inscrutable.validation import Array
 class ConeProgramme(NamedTuple):
     """min ½x'Px + c'x with Ax + s = b and s in a cone, P = Σ π_i P_i and c = Σ π_i c_i."""
 
-    squares: list[Any]  # P_i, sparse (n,n), upper triangles
+    squares: Array  # (X,k), the entries of P_i, upper triangles, at k places in the order of columns
+    places: np.ndarray  # (k,), the row plus n times the column of each
     slopes: Array  # (X,n), c_i
     rows: Any  # A
     sides: Array  # b
@@ -27,8 +28,11 @@ class ConeProgramme(NamedTuple):
 
     def objective(self, belief: Array) -> tuple[Any, Array]:
         """Return P and c."""
-        squares = sum(share * each for share, each in zip(belief, self.squares, strict=True))
-        return squares.tocsc(), belief @ self.slopes
+        from scipy.sparse import csc_array
+
+        n = self.slopes.shape[1]
+        starts = np.searchsorted(self.places, n * np.arange(n + 1))
+        return csc_array((belief @ self.squares, self.places % n, starts), shape=(n, n)), belief @ self.slopes
 
     def solve(self, belief: Array) -> Array | None:
         """Return the decision (U,) of least cost; None where Clarabel does not say that it is one."""
@@ -60,15 +64,20 @@ def cone_programme(cvxpy: Any, problem: Any, parameter: Any, variable: Any) -> C
     each, uneven = [data_at(values) for values in np.eye(parameter.size)], np.arange(1.0, parameter.size + 1.0)
     uneven /= uneven.sum()
     first = each[0]["param_prob"].var_id_to_col.get(seen.id)
+    squares = [sparse.triu(data["P"]).tocoo() if "P" in data else sparse.coo_array((1, 1)) for data in each]
+    places = [part.row + int(part.shape[0]) * part.col.astype(np.int64) for part in squares]
+    taken = np.unique(np.concatenate(places))
+    entries = np.zeros((len(each), len(taken)))
+    for row, place, part in zip(entries, places, squares, strict=True):
+        row[np.searchsorted(taken, place)] = part.data
     made = ConeProgramme(
-        [sparse.triu(data["P"]).tocsc() if "P" in data else sparse.csc_array((data["c"].size,) * 2) for data in each],
-        np.array([data["c"] for data in each]), each[0]["A"], each[0]["b"], dims_to_solver_cones(each[0]["dims"]), first,
-        int(variable.size),
+        entries, taken, np.array([data["c"] for data in each]), each[0]["A"], each[0]["b"],
+        dims_to_solver_cones(each[0]["dims"]), first, int(variable.size),
     )  # fmt: skip
-    data, (squares, slope) = data_at(uneven), made.objective(uneven)
-    rounding = tolerances.EXACT_COST * (np.abs(slope).max() + abs(squares).max())
+    data, (square, slope) = data_at(uneven), made.objective(uneven)
+    rounding = tolerances.EXACT_COST * (np.abs(slope).max() + abs(square).max())
     is_linear = np.abs(data["c"] - slope).max() <= rounding
-    is_linear &= "P" not in data or abs(sparse.triu(data["P"]) - squares).max() <= rounding
+    is_linear &= "P" not in data or abs(sparse.triu(data["P"]) - square).max() <= rounding
     for other in each:
         is_linear &= abs(data["A"] - other["A"]).max() == 0 and np.array_equal(data["b"], other["b"])
     if not is_linear or first is None:

@@ -8,8 +8,14 @@ from hypothesis import assume, given, settings
 from scipy.optimize import linprog, minimize_scalar
 
 from inscrutable import (
+    Budget,
+    BudgetAwareAdversary,
+    FiniteProblem,
     InputError,
     MarkowitzProblem,
+    NearOptimalAdversary,
+    Prior,
+    QuadraticProblem,
     consistent_beliefs,
     near_optimal_beliefs,
     plausibility_gap,
@@ -242,3 +248,24 @@ def test_everything_is_near_optimal_at_a_large_regret_and_one_state_is_no_riddle
     found = near_optimal_beliefs(single, [0.5, 0.5], 1.0)
     assert found.distance([1.0]) == 0
     assert found.bounds().tolist() == [[1.0, 1.0]]
+
+
+@pytest.mark.parametrize("constant", [1e2, 1e4, 1e6])
+def test_a_constant_in_the_costs_changes_no_set(constant, fresh_rng):
+    """Regrets are differences of costs: sets, and the members of a prior, are those without the constant."""
+    plain = MarkowitzProblem(0.2 * np.eye(2), [np.eye(2), np.eye(2)], 1.0)
+    added = QuadraticProblem(plain.hessians, plain.linear, [constant, 0.0], constraints=plain.constraints)
+    table, choice = fresh_rng.uniform(size=(3, 4)), int(fresh_rng.integers(4))
+    pairs = [
+        (plain, added, np.array([0.5, 0.5]), 1e-4),
+        (FiniteProblem(table), FiniteProblem(table + constant), choice, float(fresh_rng.uniform(0.1, 0.3))),
+    ]
+    for small, large, action, regret in pairs:
+        expected = near_optimal_beliefs(small, action, regret).bounds()
+        np.testing.assert_allclose(near_optimal_beliefs(large, action, regret).bounds(), expected, atol=1e-6)
+        observed = BudgetAwareAdversary(large, Budget.regret(regret)).infer(action)
+        np.testing.assert_allclose(observed.bounds(), expected, atol=1e-6)
+        beliefs = fresh_rng.dirichlet(np.ones(small.n_states), 200)
+        prior = Prior(beliefs, np.full(200, 1.0 / 200))
+        estimates = [NearOptimalAdversary(each, regret, prior=prior).estimate(action) for each in (small, large)]
+        np.testing.assert_allclose(*estimates, atol=1e-9)

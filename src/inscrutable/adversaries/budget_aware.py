@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inscrutable import tolerances, validation
-from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
+from inscrutable import validation
+from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs, regret_accuracy
 from inscrutable.adversaries.plausibility import planes_below
 from inscrutable.axes import Names
 from inscrutable.budgets import Budget, as_budget
@@ -137,11 +137,10 @@ def affordable_beliefs(problem: DecisionProblem, action: ArrayLike, budget: Budg
             f"a budget of {share:g} |c*| with a negative optimal cost ({corners.min():.3g} in state {corners.argmin()}) "
             "has no convex set of beliefs: give Budget.regret(amount), or a share of at most 1"
         )
-    scale = max(float(np.abs(problem.state_costs(u)).max()), np.finfo(float).tiny)
     room = share * max(
         abs(float(problem.optimal_cost(np.full(problem.n_states, 1.0 / problem.n_states)))), corners.mean()
     )
     # V is concave: it is negative somewhere only if it is at a corner.
     shares = (1.0 + share,) if corners.min() >= 0 or share == 0 else (1.0 + share, 1.0 - share)
-    accuracy = tolerances.NEAR_OPTIMAL * scale
+    accuracy = regret_accuracy(problem, u, room)
     return AffordableBeliefs(tuple(ScaledBeliefs(problem, u, 0.0, accuracy, share=each, room=room) for each in shares))

@@ -324,5 +324,19 @@ def near_optimal_beliefs(problem: DecisionProblem, action: ArrayLike, regret: fl
     """
     u = checked_problem(problem).check_action(action)
     epsilon = validation.non_negative(regret, "regret")
-    scale = max(float(np.abs(problem.state_costs(u)).max()), np.finfo(float).tiny)
-    return NearOptimalBeliefs(problem, u, epsilon, tolerances.NEAR_OPTIMAL * max(scale, epsilon))
+    smaller = problem.without_common_costs
+    return NearOptimalBeliefs(smaller, u, epsilon, regret_accuracy(smaller, u, epsilon))
+
+
+def regret_accuracy(problem: DecisionProblem, action: Array, limit: float) -> float:
+    """Return the error that is allowed in regrets of a decision (U,): relative to the limit and to the differences between its
+    costs and those of the states' best decisions, which a constant in the costs leaves as they are."""
+    own = problem.state_costs(action)
+    apart = float(np.abs(own - problem.state_costs(problem.solve(np.eye(problem.n_states)))).max())
+    return max(tolerances.NEAR_OPTIMAL * max(apart, limit), float(regret_rounding(problem, own)))
+
+
+def regret_rounding(problem: DecisionProblem, costs: Array) -> Array:
+    """Return the error of regrets computed from state costs (…,X), shape (…)."""
+    share = max(min(problem.cost_accuracy, tolerances.NEAR_OPTIMAL), 2.0 * tolerances.COST_ROUNDING)
+    return np.asarray(share * np.abs(costs).max(axis=-1) + np.finfo(float).tiny)

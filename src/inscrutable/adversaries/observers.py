@@ -12,7 +12,7 @@ from inscrutable import tolerances, validation
 from inscrutable.adversaries.budget_aware import AffordableBeliefs, affordable_beliefs
 from inscrutable.adversaries.consistent_sets import consistent_sets
 from inscrutable.adversaries.inverse import belief_set_of
-from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
+from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs, regret_rounding
 from inscrutable.adversaries.plausibility import nearest_explanations
 from inscrutable.adversaries.shown_beliefs import ShownBeliefs, ShownReading
 from inscrutable.axes import ordered
@@ -185,8 +185,9 @@ class PriorReader(SetObserver):
     def _within(self, points: Array, prior: Prior) -> Array:
         """Return which of the prior's beliefs are in the sets of which decisions, shape (m,B)."""
         costs, excess, limits = self._excess(points, prior)
-        # Costs have this accuracy: a decision that spends its budget to the last digit is within it.
-        allowed = tolerances.NEAR_OPTIMAL * np.maximum(np.abs(costs).max(axis=1, keepdims=True), limits)
+        # A decision that spends its budget to the last digit is within it.
+        apart = np.abs(excess + limits).max(axis=1, keepdims=True)
+        allowed = tolerances.NEAR_OPTIMAL * np.maximum(apart, limits) + regret_rounding(self.problem, costs)[:, None]
         return np.asarray(excess <= allowed)
 
     def _union_guess(self, points: Array, nearest: bool) -> Array:

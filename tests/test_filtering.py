@@ -175,6 +175,11 @@ class TestImpossible:
         with pytest.raises(ModelError, match=r"step 1 \(Feb\)"):
             filter_beliefs(self.world, pd.Series([0, 1], index=["Jan", "Feb"]))
 
+    def test_rows_of_unequal_lengths_are_refused(self) -> None:
+        for ragged in ([0, [1]], [[0], [1, 0]]):
+            with pytest.raises(InputError, match="observations must be numbers"):
+                filter_beliefs(self.world, ragged)
+
     def test_the_filter_stays_as_it_was(self) -> None:
         agent = BeliefFilter(self.world)
         agent.update(0)

@@ -235,6 +235,15 @@ def test_bad_worlds_are_refused() -> None:
         kalman_filter(LinearGaussianWorld([[0.0]], [[0.0]], one, [[0.0]]), [1.0])
 
 
+def test_columns_that_contradict_without_noise_have_no_density(fresh_rng) -> None:
+    """C P C' has rank one; what is left of its second pivot is rounding, positive or not."""
+    for start in fresh_rng.uniform(0.0, 3.0, 50):
+        world = LinearGaussianWorld([[0.5]], [[0.3]], [[1.0], [1.0]], np.zeros((2, 2)), ([0.0], [[start]]))
+        for row in ([1.0, 2.0], [1.0, 1.0]):
+            with pytest.raises(ModelError, match="row 0 has no density"):
+                kalman_filter(world, [row])
+
+
 def test_a_gap_that_nobody_else_knows_is_refused() -> None:
     rows = [1.0, np.nan, 0.5]
     known = kalman_filter(LOCAL_LEVEL, rows, gaps=[False, True, False])

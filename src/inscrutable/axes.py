@@ -90,9 +90,9 @@ def ordered(value: Any, name: str, axes: Sequence[Axis | None] | None) -> Any:
     """
     if type(value) is np.ndarray or not _is_labelled(value):
         return value
-    depth = _depth(value)
-    given = [Axis("row" if k < depth - 1 else "entry") for k in range(depth)] if axes is None else list(axes)
-    return _ordered(value, name, ([None] * depth + given)[-depth:])
+    n_axes = depth(value)
+    given = [Axis("row" if k < n_axes - 1 else "entry") for k in range(n_axes)] if axes is None else list(axes)
+    return _ordered(value, name, ([None] * n_axes + given)[-n_axes:])
 
 
 def _ordered(value: Any, name: str, axes: Sequence[Axis | None]) -> Any:
@@ -128,11 +128,12 @@ def _is_labelled(value: Any) -> bool:
     return isinstance(value, Mapping) or (hasattr(value, "to_numpy") and any(hasattr(value, side) for side in _SIDES))
 
 
-def _depth(value: Any) -> int:
+def depth(value: Any) -> int:
+    """Return the number of dimensions of nested values, which need not have equal lengths."""
     if isinstance(value, Mapping):
-        return 1 + max(map(_depth, value.values()), default=0)
+        return 1 + max(map(depth, value.values()), default=0)
     if isinstance(value, (list, tuple)):
-        return 1 + max(map(_depth, value), default=0)
+        return 1 + max(map(depth, value), default=0)
     return int(np.ndim(value))
 
 

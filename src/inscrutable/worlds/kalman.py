@@ -229,7 +229,10 @@ def _joseph(before: Array, gain: Array, sensor: Array, noise: Array) -> Array:
 
 
 def _updated(mean: Array, spread: Array, row: Array, sensor: Array, noise: Array) -> tuple[Array, Array, float]:
-    factor = cho_factor(_symmetric(sensor @ spread @ sensor.T + noise), lower=True)
+    read = _symmetric(sensor @ spread @ sensor.T + noise)
+    factor = cho_factor(read, lower=True)
+    if (np.diag(factor[0]) ** 2 <= tolerances.DEFINITE * np.diag(read)).any():
+        raise np.linalg.LinAlgError("a pivot is rounding")
     gain = cho_solve(factor, sensor @ spread).T
     missed = row - sensor @ mean
     log_size = 2.0 * float(np.log(np.diag(factor[0])).sum()) + len(row) * float(np.log(2.0 * np.pi))

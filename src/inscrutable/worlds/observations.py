@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inscrutable import validation
-from inscrutable.axes import Axis
+from inscrutable.axes import Axis, depth
 from inscrutable.errors import InputError
 from inscrutable.validation import Array
 
@@ -47,7 +47,7 @@ def real_rows(observations: Any, assets: Axis | None = None) -> Array:
     known = None if assets is None else assets.names
     if found is not None and known is not None and len(found) > len(known) and set(known) <= set(found):
         observations, found = observations[list(known)], known  # a wider table is no error
-    axes = (None, assets)[: np.ndim(observations)] if np.ndim(observations) > 1 else (None,)
+    axes = (None, assets)[: depth(observations)] if depth(observations) > 1 else (None,)
     rows = np.ascontiguousarray(validation.real_array(observations, "observations", axes))
     if hasattr(observations, "columns"):
         found = known or found
@@ -76,7 +76,7 @@ def symbols(
     observations: Any, n_symbols: int, name: str = "observations", rows: Axis | None = None
 ) -> NDArray[np.int64]:
     """Return observations, called `name` in messages, as whole numbers (T,) in 0..n_symbols-1."""
-    values = validation.real_array(observations, name, (rows, None)[: np.ndim(observations)])
+    values = validation.real_array(observations, name, (rows, None)[: depth(observations)])
     if values.ndim == 2 and values.shape[1] == 1:
         values = values[:, 0]
     if values.ndim != 1 or values.size == 0:

@@ -213,10 +213,13 @@ class PriorReader(SetObserver):
         return found
 
     def _excess(self, points: Array, prior: Prior) -> tuple[Array, Array, Array]:
-        """Return state costs (m,X) of some decisions, their regrets minus the limits (m,B), and the limits (B,)."""
-        optimal = np.asarray(self.problem.optimal_cost(prior.beliefs))
+        """Return state costs (m,X) of some decisions, without common ones, their regrets minus the limits (m,B), and the limits
+        (B,)."""
+        optimal, smaller = np.asarray(self.problem.optimal_cost(prior.beliefs)), self.problem.without_common_costs
         limits = self._limits(optimal)
-        costs = self.problem.state_costs(points)
+        if smaller is not self.problem:
+            optimal = np.asarray(smaller.optimal_cost(prior.beliefs))
+        costs = smaller.state_costs(points)
         return costs, costs @ prior.beliefs.T - optimal - limits, limits
 
 

@@ -80,8 +80,9 @@ def optimum(maker: SequentialDecisionMaker, law: np.ndarray, steps: range, price
         moved = moved @ maker.chain.transition.toarray()
     told = cp.sum(cp.rel_entr(joint, cp.multiply(law[:, None], cp.vstack([played] * len(beliefs)))))
     cost = cp.sum(cp.multiply(joint, regrets.T))
-    aim = cp.Maximize(loss - prices[0] * cost - prices[1] * told)
-    return float(cp.Problem(aim, [cp.sum(table, axis=1) == 1]).solve(solver=cp.CLARABEL))
+    size = maker.table.prior_loss  # the solver's tolerances are absolute
+    aim = cp.Maximize((loss - prices[0] * cost - prices[1] * told) / size)
+    return size * float(cp.Problem(aim, [cp.sum(table, axis=1) == 1]).solve(solver=cp.CLARABEL))
 
 
 @pytest.mark.parametrize(("disclosure", "steps"), [(delayed(2), range(2, 3)), (every(3) | delayed(1), range(1, 4))])

@@ -52,6 +52,8 @@ def test_budget_privacy_and_conclusion() -> None:
         assert (belief <= high + 1e-6).all(), "who knows the budget is never wrong"
         assert found.optimal_sets[step].contains(belief)
     assert "regret" in found.summary()
+    rows = found.deterministic
+    assert f"({rows.regret.sum() / np.abs(rows.optimal_cost).sum():.1%} of |c*|)" in found.summary()
 
 
 @pytest.mark.parametrize("budget", ["5%", "150%"])

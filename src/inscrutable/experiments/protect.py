@@ -82,7 +82,7 @@ class Protection:
         scale = np.abs(self.deterministic.optimal_cost)
         spent = BASIS_POINTS * float(np.mean(self.deterministic.regret))
         lottery = BASIS_POINTS * float(np.mean(self.lotteries.expected_cost - self.lotteries.optimal_cost))
-        share = f" ({float(np.mean(self.deterministic.regret / scale)):.1%} of |c*|)" if (scale > 0).all() else ""
+        share = f" ({float(self.deterministic.regret.sum() / scale.sum()):.1%} of |c*|)" if (scale > 0).all() else ""
         rows = "" if len(self) == 1 else f"on average over {len(self)} rows "
         if self.measure.is_indicator:
             bought = f" and {self.measure!r} {_how_often(self.deterministic.privacy)}"

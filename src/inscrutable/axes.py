@@ -133,7 +133,8 @@ def depth(value: Any) -> int:
     if isinstance(value, Mapping):
         return 1 + max(map(depth, value.values()), default=0)
     if isinstance(value, (list, tuple)):
-        return 1 + max(map(depth, value), default=0)
+        scalars = set(map(type, value)) <= _PLAIN - {np.ndarray}  # a long list is common, and asked at once
+        return 1 if scalars else 1 + max(map(depth, value), default=0)
     return int(np.ndim(value))
 
 

@@ -25,7 +25,7 @@ class ComparedFlags(Flags):
     __slots__ = ()
 
     def __hash__(self) -> int:
-        return hash(tuple(self._values))
+        return hash(frozenset(self._values))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ComparedFlags) and self._values == other._values
@@ -56,7 +56,7 @@ class KernelLibrary(JITCodeLibrary):
 
 
 def _run(passes: Any, code: Any, builder: Any) -> None:
-    passes.add_refprune_pass()  # Numba's: it takes pairs of counting up and down away
+    passes.add_refprune_pass()  # Numba's: it removes pairs of a reference's increment and decrement
     passes.run(code, builder)
 
 

@@ -47,7 +47,7 @@ def real_rows(observations: Any, assets: Axis | None = None) -> Array:
     known = None if assets is None else assets.names
     if found is not None and known is not None and len(found) > len(known) and set(known) <= set(found):
         observations, found = observations[list(known)], known  # a wider table is no error
-    axes = (None, assets)[: depth(observations)] if depth(observations) > 1 else (None,)
+    axes = (None, assets)[: max(depth(observations), 1)]
     rows = np.ascontiguousarray(validation.real_array(observations, "observations", axes))
     if hasattr(observations, "columns"):
         found = known or found

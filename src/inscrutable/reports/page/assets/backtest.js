@@ -169,7 +169,7 @@
       const ends = [0.5 * amount, Math.min(1.5 * amount, shown, price > 0 ? amount + (top - reached) / (factor * price) : shown)];
       line(drawing, ends.map((x) => place([factor * x, reached + factor * price * (x - amount)])), "#000", "-", 1);
     }
-    svg(drawing, "text", { x: frame.inside.right, y: frame.inside.bottom - 10, "text-anchor": "end", class: "clear" }, `slope: ${short(price)} of privacy for one more ${each}`);
+    svg(drawing, "text", { x: frame.inside.right, y: frame.inside.bottom - 10, "text-anchor": "end", class: "clear" }, `slope: ${short(price)} for one more ${each}`);
     for (const name of onTop(makers, (each) => each)) {
       const [atoms] = entry(name, step, budget);
       const look = looks[name];

@@ -171,6 +171,29 @@ def test_months_that_are_remembered(capsys: pytest.CaptureFixture[str], folder: 
     assert (folder / "state").read_bytes() == before
 
 
+def test_a_period_that_repeats_or_is_missing_is_named(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    def published(date: str, *options: object) -> str:
+        row = pd.DatetimeIndex([date], name="date")
+        pd.DataFrame([[0.03, 0.02, 0.01]], row, NAMES).to_csv(folder / "A.csv")
+        asked = ["--world", folder / "W.json", "--state", folder / "state", "--seed", 3]
+        code, out, err = run(capsys, folder, *asked, *options)
+        assert code == 0, err
+        return " ".join(out.split())
+
+    for date in ("2020-01-31", "2020-02-29", "2020-03-31"):
+        out = published(date, "--publish")
+        assert "Caution: whoever knows the seed" in out
+        assert out.count("Caution") == 1
+        assert f"The last one is of {date}." in out
+    for date in ("2020-03-31", "2020-02-29"):
+        assert f"of 2020-03-31 is recorded already, and these alphas are of {date}" in published(date)
+        assert "It counts as one more period" in published(date, "--publish")
+    assert "Caution" not in published("2020-05-31")
+    out = published("2020-05-31", "--publish")
+    assert "Caution: no row for 2020-04: the row after a gap is taken for the next step" in out
+    assert "Caution: a decision of 2020-05-31 is recorded already" in published("2020-05-31")
+
+
 def test_a_state_is_of_its_limits_and_loadings(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     # Orthogonal loadings whose scale and signs leave tr(ΘE), bits and error as they are.
     for name, signs in (("B", [1.0, 1.0, 1.0]), ("C", [1.0, 1.0, -1.0])):
@@ -270,6 +293,20 @@ def test_alphas_of_other_names_are_refused(capsys: pytest.CaptureFixture[str], f
     code, _, err = run(capsys, folder, "--prior-covariance", folder / "S.csv")
     assert code == 3
     assert "Steel" in err
+
+
+@pytest.mark.parametrize("wrong", ["V.csv", "S.csv"])
+def test_a_wrong_covariance_is_named_by_its_file(capsys: pytest.CaptureFixture[str], folder: Path, wrong: str) -> None:
+    text = (folder / wrong).read_text("utf-8")
+    (folder / wrong).write_text(text.replace("Steel", "Steal"), "utf-8")
+    code, _, err = run(capsys, folder, "--prior-covariance", folder / "S.csv")
+    assert code == 3
+    assert f"only in {folder / wrong}: Steal" in err
+    indefinite = [[1e-4, 2e-4, 0.0], [2e-4, 1e-4, 0.0], [0.0, 0.0, 1e-4]]
+    pd.DataFrame(indefinite, NAMES, NAMES).to_csv(folder / wrong, index_label="asset")
+    code, _, err = run(capsys, folder, "--prior-covariance", folder / "S.csv")
+    assert code == 4
+    assert f"{folder / wrong} is indefinite" in err
 
 
 def test_files_that_are_wrong_name_the_place(folder: Path) -> None:

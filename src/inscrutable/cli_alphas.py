@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from inscrutable.cli_console import SEED_KNOWN, Speech, replaced, results, show_table
 from inscrutable.cli_limits import Held, region_of
-from inscrutable.cli_values import DATA, INVESTOR, PRIVACY, UsageError, Whole, budget_of, covariance_of
+from inscrutable.cli_values import DATA, INVESTOR, PRIVACY, UsageError, Whole, budget_of, check_labels, covariance_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -101,12 +101,20 @@ class AlphaOptions:
             risk = history.cov() if self.factors is None else FactorRisk.from_returns(history, self.factors)
         names = [str(each) for each in (risk.names or () if isinstance(risk, FactorRisk) else risk.columns)]
         loads = None if self.loadings is None else read_labelled_matrix(self.loadings)
+        prior = None if self.prior_covariance is None else covariance_of(self.prior_covariance)
+        if prior is not None:
+            source = self.loadings or self.covariance or self.returns
+            assert self.prior_covariance is not None
+            assert source is not None
+            check_labels(
+                self.prior_covariance, list(prior.columns), source, names if loads is None else list(loads.columns)
+            )
         region = region_of(names, self.held or "anything", self.cap)
         assert self.risk_aversion is not None
         return AlphaDecisionMaker(
             AlphaProblem(risk, self.risk_aversion, region, loads, trading_cost=self.trading_cost),
             _budget(budget),
-            prior_covariance=None if self.prior_covariance is None else covariance_of(self.prior_covariance),
+            prior_covariance=prior,
             world=None if self.world is None else read_linear_world(self.world),
             objective=self.objective,
         )

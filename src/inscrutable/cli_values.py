@@ -67,10 +67,10 @@ def amount_of(text: str, option: str) -> float:
 
 
 def covariance_of(path: Path) -> pd.DataFrame:
-    """Return the covariance of a file; one that is not symmetric, or not of returns as fractions, is refused."""
+    """Return the covariance of a file; one that is not symmetric, indefinite, or not of returns as fractions, is refused."""
     import numpy as np
 
-    from inscrutable import tolerances
+    from inscrutable import tolerances, validation
     from inscrutable.datasets import read_labelled_matrix
     from inscrutable.errors import InputError
 
@@ -92,7 +92,20 @@ def covariance_of(path: Path) -> pd.DataFrame:
             f"look like {what}; expected covariances of returns as fractions, 0.0025 for a standard deviation of 5%: multiply "
             "correlations by both standard deviations, divide variances of percentages by 10,000"
         )
+    validation.check_positive_semidefinite(values, str(path), "a covariance has no negative eigenvalue")
     return table
+
+
+def check_labels(path: Path, labels: Sequence[str], other: Path, expected: Sequence[str]) -> None:
+    """Raise `InputError` where two files have other labels, in whichever of them a label is misspelt."""
+    from inscrutable.axes import few
+    from inscrutable.errors import InputError
+
+    mine, theirs = (sorted(set(a) - set(b)) for a, b in ((labels, expected), (expected, labels)))
+    if mine or theirs:
+        sides = ((path, mine), (other, theirs))
+        only = "; ".join(f"only in {file}: {few(names)}" for file, names in sides if names)
+        raise InputError(f"{path} and {other} have other labels: {only}")
 
 
 def whole_number(type_: Any, tokens: Sequence[Token]) -> int:

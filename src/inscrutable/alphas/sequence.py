@@ -136,6 +136,7 @@ class AlphaSequence(KeptInFile):
                 self._law = after_sensor(root_of(maker.silence), *self._sensor)
         self._published = False
         self.latest: Array | None = None
+        self.periods: tuple[str, ...] = ()  # of the published decisions, as far as the caller adds them
         self.n_published = self.n_steps = 0
         self.total_regret = self.total_bits = 0.0
 
@@ -295,7 +296,7 @@ class AlphaSequence(KeptInFile):
         self._locked(path)
         AlphaState(
             self._signature(), self.mean, self._kept(), self._published, self.n_published, self.n_steps,
-            self.total_regret, self.total_bits, self.latest,
+            self.total_regret, self.total_bits, self.latest, self.periods,
         ).save(path)  # fmt: skip
 
     def load(self, path: PathLike) -> Self:
@@ -307,7 +308,7 @@ class AlphaSequence(KeptInFile):
         found = self._read(path, lambda: AlphaState.load(path).checked(self._signature(), path))
         self.mean, self.latest, self._published = np.array(found.mean), found.latest, found.is_published
         self.n_published, self.n_steps = found.n_published, found.n_steps
-        self.total_regret, self.total_bits = found.regret, found.bits
+        self.total_regret, self.total_bits, self.periods = found.regret, found.bits, found.periods
         if found.before is not None and self._sensor is not None:
             self._law = after_sensor(root_of(found.before), *self._sensor)
         elif not self._is_fresh:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import datetime
+from itertools import pairwise
 
 import numpy as np
 
@@ -30,6 +32,7 @@ class AlphaState(Saved):
         regret: Total expected regret of all decisions, by the observer's law.
         bits: Total bits that they leaked, by the observer's law.
         latest: The last decision, (n,), or None.
+        periods: Dates of the decisions, such as "2024-03-31", ascending; without those that had none.
         version: Version of the file.
     """
 
@@ -42,6 +45,7 @@ class AlphaState(Saved):
     regret: float
     bits: float
     latest: Array | None = None
+    periods: tuple[str, ...] = ()
     version: int = VERSION
 
     def __post_init__(self) -> None:
@@ -50,6 +54,12 @@ class AlphaState(Saved):
         for name in ("n_published", "n_steps"):
             validation.count(getattr(self, name), name, least=0)
         validation.finite_array(self.mean, "mean", ndim=1)
+        try:
+            days = [datetime.fromisoformat(each) for each in self.periods]
+        except (TypeError, ValueError) as error:
+            raise InputError(f"it has a period that is no date: {error}") from None
+        if any(after <= before for before, after in pairwise(days)):
+            raise InputError("its periods are not ascending")
 
     def checked(self, rule: tuple[Array, ...], path: PathLike) -> AlphaState:
         """Return this state, or raise `InputError` where `rule` differs from the file's."""

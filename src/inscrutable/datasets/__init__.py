@@ -7,7 +7,7 @@ from inscrutable.datasets.files import output_folder, write_json, write_table
 from inscrutable.datasets.french import IndustryReturns, load_industry_returns
 from inscrutable.datasets.holdings import read_holdings, read_map
 from inscrutable.datasets.records import read_records
-from inscrutable.datasets.suspicious import crowded_months, suspicious_entries
+from inscrutable.datasets.suspicious import crowded_months, missing_steps, suspicious_entries
 from inscrutable.datasets.tables import (
     WeightsTable,
     read_beliefs,
@@ -29,6 +29,7 @@ __all__ = [
     "dollars_13f",
     "load_daily_returns",
     "load_industry_returns",
+    "missing_steps",
     "only_shares",
     "output_folder",
     "read_13f",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pandas as pd
 
 from inscrutable import validation
 from inscrutable.alphas import AlphaDecisionMaker, AlphaDraw
+from inscrutable.datasets import crowded_months, missing_steps
 from inscrutable.errors import InputError
 from inscrutable.labels import label_text
 from inscrutable.validation import Array
@@ -55,6 +57,9 @@ class ProtectedAlphas:
         expected: Mean regret and bits of the next decision, by the observer's law.
         farthest: Largest distance of an alpha from the mean of its public law, in standard deviations; NaN where that law
             depends on public observations or has no end.
+        date: Date of the last recorded decision, such as "2024-03-31"; None where no date is recorded.
+        decided: The date of the decision recorded before, where `alphas` are not of a later period.
+        gaps: Months without a decision between the recorded ones, as text; empty if none.
     """
 
     maker: AlphaDecisionMaker
@@ -65,6 +70,9 @@ class ProtectedAlphas:
     told: float
     expected: tuple[float, float]
     farthest: float = float("nan")
+    date: str | None = None
+    decided: str | None = None
+    gaps: str = ""
 
     def table(self) -> pd.DataFrame:
         """Return the drawn decisions, one row each, by the assets' names."""
@@ -89,6 +97,8 @@ class ProtectedAlphas:
             "n_published": self.n_published,
             "regret_so_far": self.spent,
             "bits_so_far": self.told,
+            "last_date": self.date,
+            "gaps": self.gaps,
             "farthest_alpha": self.farthest if np.isfinite(self.farthest) else None,
         }
 
@@ -115,6 +125,20 @@ class ProtectedAlphas:
                 f"{count} published so far: {most}{self.spent:.4g} of regret, {most}{self.told:.4f} bits, by the observer's "
                 "law."
             )
+            lines.append(
+                "No date is recorded: publish once a period, as each time counts as one more."
+                if self.date is None
+                else f"The last one is of {self.date}."
+            )
+        if self.decided is not None:
+            counted = "It counts" if self.decisions else "The next one would count"
+            lines.append(
+                f"Caution: a decision of {self.decided} is recorded already, and these alphas are of "
+                f"{label_text(self.index[0])}. {counted} as one more period: "
+                f"where they are not new, two draws about them reveal more than the bits stated."
+            )
+        if self.gaps:
+            lines.append(f"Caution: {self.gaps}.")
         if self.farthest > _FAR:
             lines.append(
                 f"Caution: these alphas lie up to {self.farthest:.3g} standard deviations from the mean of their public law. "
@@ -139,8 +163,9 @@ def protect_alphas(
     Args:
         maker: The rule.
         alphas: Means, one row per step, labelled by the problem's signals.
-        state: The file of the sequence so far, created if missing; each run takes one row. None: the rows are one whole
-            sequence, and all decisions are drawn.
+        state: The file of the sequence so far, created if missing; each run takes one row. Where its label is a date, the file
+            keeps it, and the summary names repeated and missing periods. None: the rows are one whole sequence, and all
+            decisions are drawn.
         public: The public observation of each row, (T,q), with the same row labels, where the world has a public sensor. The
             first one is not used: the initial law contains it.
         publish: With `state`: draw once and record; otherwise nothing is drawn.
@@ -163,7 +188,7 @@ def protect_alphas(
     means = maker.problem.check_mean(alphas, "alphas").reshape(-1, maker.problem.n_signals)
     read = _public_rows(maker, alphas, public)
     sequence = maker.begin()
-    drawn = []
+    drawn, decided, date = [], None, _date_of(alphas.index)
     if state is None:
         for step, mean in enumerate(means):
             if step:
@@ -178,6 +203,12 @@ def protect_alphas(
                 sequence.load(state)
             else:
                 sequence.save(state)
+            last = sequence.periods[-1] if sequence.periods else None
+            if date is not None:
+                dated = (*sequence.periods, date)
+                is_later = last is None or date > last
+                decided = None if is_later and not crowded_months(_days(dated)) else last
+                sequence.periods = dated if publish and is_later else sequence.periods
             if read is not None and sequence.n_published:
                 sequence.observe(read[0])
             elif publish and sequence.n_published:
@@ -198,7 +229,19 @@ def protect_alphas(
         sequence.total_bits,
         expected,
         _farthest(maker, means),
+        sequence.periods[-1] if sequence.periods else None,
+        decided,
+        missing_steps(_days(sequence.periods)),
     )
+
+
+def _date_of(index: pd.Index) -> str | None:
+    """Return the date of the only row; None where it has none."""
+    return f"{index[0]:%Y-%m-%d}" if isinstance(index, pd.DatetimeIndex) and len(index) == 1 else None
+
+
+def _days(periods: tuple[str, ...]) -> list[datetime]:
+    return [datetime.fromisoformat(each) for each in periods]
 
 
 def _farthest(maker: AlphaDecisionMaker, means: Array) -> float:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from inscrutable import BayesianAdversary, OriginalDecisionMaker, SequentialAdversary
+from inscrutable import BayesianAdversary, Mechanism, OriginalDecisionMaker, Prior, SequentialAdversary
 from inscrutable.experiments.backtest_aware import doubted
 from inscrutable.experiments.cell_mechanism import N_NEAREST, cell_beliefs, cell_mechanism
 from inscrutable.experiments.random_markets import MarketLaw, random_market
-from inscrutable.mechanisms.chains import predicted_chain
+from inscrutable.mechanisms.chains import BeliefChain, predicted_chain
 
 RESOLUTION = 20
 
@@ -55,3 +55,16 @@ def test_a_rival_reads_what_many_beliefs_explain_as_well_as_one_who_knows_many_b
     followed = error(SequentialAdversary(chain, known).filter(seen, nearest=N_NEAREST).mean)
     assert alone < 1.25 * error(dense)
     assert followed < alone
+
+
+def test_a_played_decision_at_a_distance_of_noise_is_read_alone() -> None:
+    """Nine beliefs, nine decisions; the observed one differs from a played one by 1e-9."""
+    beliefs = np.column_stack([np.linspace(0.1, 0.9, 9), np.linspace(0.9, 0.1, 9)])
+    actions = np.column_stack([np.linspace(0.0, 1.0, 9) ** 2, np.zeros(9)])
+    plays, prior = Mechanism(beliefs, actions, np.eye(9), np.zeros((9, 9))), Prior(beliefs, np.full(9, 1 / 9))
+    seen = actions[[7]] + 1e-9
+    chain = BeliefChain(prior, np.full((9, 9), 1 / 9))
+    alone = BayesianAdversary(plays, prior).estimates(seen, nearest=N_NEAREST)
+    np.testing.assert_allclose(alone, beliefs[[7]], atol=1e-12)
+    followed = SequentialAdversary(chain, plays).filter(seen, nearest=N_NEAREST).mean
+    np.testing.assert_allclose(followed, beliefs[[7]], atol=1e-12)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from inscrutable import tolerances, validation
-from inscrutable.adversaries.decision_tables import nearest_count
+from inscrutable.adversaries.decision_tables import near_enough, nearest_count
 from inscrutable.axes import Axis, ordered
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Disclosure, Mechanism, Prior
@@ -180,8 +180,8 @@ class BayesianAdversary:
 
         Args:
             action: u, shape (U,), in the decision's unit; a whole number where decisions are finite choices.
-            nearest: k: a decision that is never played is read as one of the k nearest that are, p(π_b|u) ∝ w_b Σ_k K(u_k|π_b);
-                0: its posterior is unknown; True: k = 1.
+            nearest: k: a decision that is never played is read as one of the k nearest that are, p(π_b|u) ∝ w_b Σ_k K(u_k|π_b),
+                without those ten thousand times farther than the nearest; 0: its posterior is unknown; True: k = 1.
 
         Raises:
             InputError: The decision has the wrong length or is not finite; or `nearest` is negative.
@@ -220,7 +220,9 @@ class BayesianAdversary:
         same = apart <= tolerances.SAME_ACTION
         otherwise = PosteriorStatus.NEAREST_PLAYED if count else PosteriorStatus.NEVER_PLAYED
         status = [PosteriorStatus.PLAYED if each else otherwise for each in same]
-        places = [self._played[[exact[i]] if same[i] else near[i]] for i in range(len(points))]
+        places = [
+            self._played[[exact[i]] if same[i] else near[i, near_enough(distances[i])]] for i in range(len(points))
+        ]
         return places, status, np.where(same, 0.0, distances[:, 0])
 
     def _mean(self, places: np.ndarray) -> Array:

@@ -18,11 +18,21 @@ from inscrutable.validation import Array
 
 UNSEEN, NEVER_PLAYED = -1, -2
 """Numbers of a decision that was not observed, and of one that is never played."""
+_FAR = 1e4
+"""How many times farther than the nearest played decision another one is no explanation. Otherwise a played decision at a
+distance of solver noise is read as one of eight, seven of which are far: on a market of 60 assets the error was .17, not .02.
+Over 40 random markets of 2 to 6 assets and 2 to 4 states a factor of 1,000 changes mean errors by .2 % at most; a factor of 10
+raises them by up to 12 %, because equal weights on eight decisions smooth the likelihood."""
 
 
 def nearest_count(nearest: int) -> int:
     """Return how many of the nearest decisions replace one that is never played; True is 1."""
     return validation.count(int(nearest) if isinstance(nearest, bool) else nearest, "nearest", least=0)
+
+
+def near_enough(distances: Array) -> np.ndarray:
+    """Return which of the nearest played decisions, at ascending distances (k,), are as near as the first, up to `_FAR`."""
+    return np.asarray(distances <= _FAR * distances[0])
 
 
 class Entries(NamedTuple):
@@ -82,7 +92,8 @@ class DecisionTables:
             return int(self.played[place]), False
         if not nearest:
             return NEVER_PLAYED, False
-        places = np.atleast_1d(self._tree.query(point, k=min(nearest, len(self.played)))[1])
+        distances, places = map(np.asarray, self._tree.query(point, k=range(1, 1 + min(nearest, len(self.played)))))
+        places = places[near_enough(distances)]
         return int(self.played[places[0]]) if len(places) == 1 else self._group(self.played[places]), True
 
     def entries(self, columns: np.ndarray, memories: np.ndarray) -> Entries:

@@ -171,8 +171,9 @@ class SequentialAdversary:
             memories: The agent's memory before the first decision and after each, T+1 numbers, where it is public.
             public: The T public observations in a world with a public sensor: symbols or real rows, NaN where the observer did
                 not read them.
-            nearest: k: a decision that the mechanism never plays is read as one of the k nearest that it plays, with the sum of
-                their likelihoods; 0: it is skipped, with a status; True: k = 1.
+            nearest: k: a decision that the mechanism never plays is read as one of the k nearest that it plays, without those
+                ten thousand times farther than the nearest, with the sum of their likelihoods; 0: it is skipped, with a
+                status; True: k = 1.
             returns: Returns of the period of each decision, (T,U), where the disclosure uses them.
 
         Raises:

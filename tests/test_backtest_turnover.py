@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,6 +17,7 @@ from inscrutable.experiments.attack import attack_weights
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.own_model import LimitsPart, OwnModel
+from inscrutable.reports import backtest_plots
 from inscrutable.reports.backtest import text_of, write_backtest
 from small_runs import coarse_rivals, short_simulations
 
@@ -88,10 +91,29 @@ def test_the_sequential_rule_keeps_the_limit_and_its_observer_follows_it(tmp_pat
         assert spent >= -1e-12
     assert np.isfinite(found.followed_estimates("SDM").to_numpy()).all()
     assert np.isnan(found.followed_estimates("PDM").to_numpy()).all()
-    assert "except that of the SDM" in text_of(found)
+    said = text_of(found)
+    assert "except that of the SDM" in said
+    assert "Ceiling: no rule" not in said  # of a rule that follows no law of the weights before
+    named, error = (100 * found.figures["SDM"][key] for key in ("share_regime_named_followed", "error_followed"))
+    assert re.search(rf"from all sequential weights so far: {named:.0f}\.?\d*% \(error {error / 100:.2f}\)", said), said
     assert found.aware is None
     write_backtest(found, tmp_path)
     assert json.loads((tmp_path / "summary.json").read_text())["verdict"]
+
+
+def test_the_frontier_is_that_of_one_rule_near_its_own_weights(
+    found: Backtest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The other rules' weights before are others, so their decisions lie on other curves."""
+    figures: list[Any] = []
+    monkeypatch.setattr(backtest_plots, "save_figure", lambda figure, *_: figures.append(figure) or [])
+    for step in (0, 3):
+        backtest_plots.draw_frontier(found, Path(), step)
+    legends = [[text.get_text() for text in figure.legends[0].get_texts()] for figure in figures]
+    decided = [[label for label in labels if "(CDM)" in label or "(PDM)" in label] for labels in legends]
+    assert any("(PDM)" in label for label in decided[0])  # the first decision has no weights before
+    assert decided[1] == ["counter-adversarial (CDM)"]
+    assert "near the counter-adversarial (CDM) weights before" in figures[1].axes[0].get_title()
 
 
 def test_what_a_limit_on_turnover_does_not_go_with() -> None:

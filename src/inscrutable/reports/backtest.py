@@ -351,14 +351,17 @@ def _sequential_notes(result: Backtest) -> list[str]:
     word, beliefs = result.market.frequency.word, len(part.maker.beliefs)
     most = part.maker.limit * _BASIS_POINTS
     share = "" if result.settings.budget is not None else f", {SHARE_OF_SILENCE:.0%} of the silence regret"
+    ceiling = [
+        "Ceiling: no rule of the same regret leaves an observer who follows it a larger error, in expectation in the long run "
+        f"of the fitted regimes, on that grid and {len(part.maker.table.columns)} candidate portfolios."
+    ]
     return [
         "SDM, the sequential rule, depends on the aware observer's law of the belief, and so on all decisions before: rows on "
         f"single decisions do not apply to it. It may spend {most:.2f} bp per {word} on average in the long run of the fitted "
         f"regimes{share}, and spends {part.path.own_regrets.mean() * _BASIS_POINTS:.2f} here, in expectation over each draw. "
         f"It was made by simulation on a grid of {beliefs} beliefs; {part.path.n_off_grid} of {len(result.beliefs)} beliefs "
         "here are off that grid.",
-        "Ceiling: no rule of the same regret leaves an observer who follows it a larger error, in expectation in the long run "
-        f"of the fitted regimes, on that grid and {len(part.maker.table.columns)} candidate portfolios.",
+        *([] if np.isnan(result.figures[SEQUENTIAL]["error_ceiling"]) else ceiling),
     ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -207,10 +208,15 @@ def draw_privacy_and_cost(result: Backtest, folder: Path) -> list[Path]:
 
 
 def draw_frontier(result: Backtest, folder: Path, step: int) -> list[Path]:
-    """Draw privacy against regret for one decision at every budget, with its price, as `frontier`."""
+    """Draw privacy against regret for one decision at every budget, with its price, as `frontier`.
+
+    With a limit on turnover every rule decides near its own last weights: the curves and the decision are those of the CDM.
+    """
     measure = result.settings.measure.at_step(step)
     problem = result.problem_at("CDM", step)
-    candidates = result.candidates if problem is result.problem else None
+    is_shared = problem is result.problem
+    names = result.names if is_shared else ("CDM",)
+    candidates = result.candidates if is_shared else None
     if candidates is not None:  # the decisions played were found by a search: no curve lies below them
         played = [
             each.decisions.action[step] if each.lotteries is None else each.lotteries[step].actions
@@ -221,7 +227,9 @@ def draw_frontier(result: Backtest, folder: Path, step: int) -> list[Path]:
     own = abs(frontier.optimal_cost)
     limit = result.budget.limit(frontier.optimal_cost)
     reach = (
-        max(3.0 * limit, _largest_atom(result, step)) if limit > 0 else float(frontier.points[:, 0].max(initial=own))
+        max(3.0 * limit, _largest_atom(result, names, step))
+        if limit > 0
+        else float(frontier.points[:, 0].max(initial=own))
     )
     regrets = np.linspace(0.0, 1.05 * reach, 1201)
     with drawing(PAGE_WIDTH, 3.0) as (figure, axis):
@@ -235,10 +243,11 @@ def draw_frontier(result: Backtest, folder: Path, step: int) -> list[Path]:
             axis.plot(scale * regrets, shown, color=look_of(name).colour, linestyle=line, label=label)
         axis.axvline(scale * limit, color=GREY, linestyle=":", linewidth=0.9, label=f"budget, {result.budget}")
         _draw_price(axis, frontier, limit, scale)
-        _mark_decisions(axis, result, step, scale)
+        _mark_decisions(axis, result, names, (step, scale))
         axis.set_xlabel(f"regret, {unit}")
         axis.set_ylabel("privacy Ψ")
-        axis.set_title(f"decision at the end of {result.dates[step]:%Y-%m-%d}")
+        near = "" if is_shared else f", near the {spelled('CDM')} weights before"
+        axis.set_title(f"decision at the end of {result.dates[step]:%Y-%m-%d}{near}")
         figure.legend(loc="outside right center")
         return save_figure(figure, folder, "frontier")
 
@@ -321,9 +330,10 @@ def _draw_atoms(axis: Any, lottery: MixedDecision, look: Any, belief: Array) -> 
         )
 
 
-def _mark_decisions(axis: Any, result: Backtest, step: int, scale: float) -> None:
-    """The decisions themselves; of a lottery its mean, its atoms hollow, and a line between them."""
-    for name in result.names:
+def _mark_decisions(axis: Any, result: Backtest, names: Sequence[str], at: tuple[int, float]) -> None:
+    """The decisions at a step, on a scale of regrets; of a lottery its mean, its atoms hollow, and a line between them."""
+    step, scale = at
+    for name in names:
         record, look = result.episode.records[name], look_of(name)
         dots = {"color": look.colour, "marker": look.marker, "linestyle": "none", "markersize": 6, "zorder": 4}
         if record.lotteries is None:
@@ -346,8 +356,9 @@ def _mark_decisions(axis: Any, result: Backtest, step: int, scale: float) -> Non
         )
 
 
-def _largest_atom(result: Backtest, step: int) -> float:
-    lotteries = [record.lotteries for record in result.episode.records.values() if record.lotteries is not None]
+def _largest_atom(result: Backtest, names: Sequence[str], step: int) -> float:
+    records = [result.episode.records[name] for name in names]
+    lotteries = [record.lotteries for record in records if record.lotteries is not None]
     return max((float(mixed[step].regrets.max()) for mixed in lotteries), default=0.0)
 
 

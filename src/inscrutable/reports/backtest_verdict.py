@@ -196,6 +196,12 @@ def verdict(result: Backtest) -> list[str]:
     if result.aware is None:
         named = listed([f"{_share(figures[name]['share_regime_named'])} ({full_name(name)})" for name in hiding])
         lines.append(f"Read by the naive observer from altered weights: {named}.")
+        if SEQUENTIAL in hiding and not np.isnan(figures[SEQUENTIAL]["error_followed"]):
+            share, error = (figures[SEQUENTIAL][key] for key in ("share_regime_named_followed", "error_followed"))
+            lines.append(
+                f"Read by the aware observer from all {full_name(SEQUENTIAL)} weights so far: {_share(share)} (error "
+                f"{error:.2f})."
+            )
     else:
         asked = _asked(result)
         described = {

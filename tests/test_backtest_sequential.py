@@ -118,7 +118,8 @@ def test_the_rival_who_follows_another_by_loops(found: Backtest) -> None:
         ratios = np.divide(table, chances, out=np.ones_like(table), where=(table > 0) & (chances > 0))
         told.append((law[:, None] * table * np.log2(ratios)).sum())
         apart = np.linalg.norm(first - action, axis=1)
-        law = law * near[:, np.argsort(apart)[: 1 if apart.min() < 1e-9 else N_NEAREST]].sum(axis=1)
+        closest = np.argsort(apart)[: 1 if apart.min() < 1e-9 else N_NEAREST]
+        law = law * near[:, closest[apart[closest] <= 1e4 * max(apart.min(), 1e-10)]].sum(axis=1)
         law = law / law.sum()
         read.append(law @ chain.prior.beliefs)
         law = law @ moves

@@ -84,6 +84,22 @@ def test_a_fit_with_too_few_rows_is_doubted_and_a_shrunk_one_is_not(
     assert shrunk.log_likelihood == pytest.approx(shrunk.best.log_likelihood, rel=1e-9)
 
 
+def test_a_regime_with_fewer_observations_than_parameters_is_doubted(caplog: pytest.LogCaptureFixture) -> None:
+    """Full covariances of four assets: 14 parameters of its own; ten of 200 rows are far from the others."""
+    rng = np.random.default_rng(5)
+    for count, is_doubted in ((10, True), (40, False)):
+        caplog.clear()
+        rows = rng.normal(size=(200, 4))
+        rows[:count] += 12.0
+        found = fit_gaussian_hmm(rows, 2, rng=rng, n_restarts=3, covariance="sample")
+        assert min(found.best.weights) == pytest.approx(count, abs=0.5)
+        assert found.best.collapsed == ()
+        said = f"rests on {min(found.best.weights):.1f} observations, for 14 parameters of its mean and covariance"
+        assert (said in found.doubt) == is_doubted
+        assert (said in caplog.text) == is_doubted
+    assert fit_gaussian_hmm(rows[30:], 2, rng=rng, n_restarts=3, covariance="ledoit-wolf").doubt == ""
+
+
 def test_units_change_nothing() -> None:
     rows = factor_returns(np.random.default_rng(1), 90, 8)
     units = 10.0 ** np.arange(-3, 5)

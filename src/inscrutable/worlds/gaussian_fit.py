@@ -35,6 +35,11 @@ MOST_PARAMETERS = 0.25
 """Effective parameters per number of the sample above which a fit is doubted. In simulated markets of 12 to 60 assets, fits
 above it gave beliefs farther from the true ones than the prior's mean is, and ended in the partition they started from."""
 
+LEAST_OBSERVATIONS = 0.75
+"""Expected observations of a regime per parameter of its mean and full covariance below which a fit is doubted. In 236
+simulated markets of 3 to 8 assets, fitted on 60 to 300 rows, the median error of the beliefs is .75 of that of the prior's mean
+below it, .67 up to one observation per parameter, and .50 above that."""
+
 _LOGGER = logging.getLogger(__name__)
 
 MAX_ITERATIONS = 500
@@ -127,7 +132,13 @@ class FittedWorld(Summarised):
             )
         if found.n_parameters > MOST_PARAMETERS * self.n_rows * self.n_columns:
             return f"the fit follows its sample rather than regimes: {advice}"
-        return ""
+        own = self.n_columns * (self.n_columns + 3) // 2
+        few = [
+            f"{name} rests on {weight:.1f} observations, for {own} parameters of its mean and covariance"
+            for name, weight in zip(self.world.names, found.weights, strict=True)
+            if self.covariance == "sample" and weight < LEAST_OBSERVATIONS * own
+        ]
+        return f"{'; '.join(few)}; {advice}" if few else ""
 
     @property
     def asset_names(self) -> Labels | None:

@@ -69,6 +69,14 @@ def test_its_table_is_the_one_it_had(found: Backtest) -> None:
     assert_same(table.loc[kept], wanted.loc[kept], rtol=1e-4, atol=1e-6)
 
 
+def test_a_fit_that_one_start_alone_found_is_named(found: Backtest) -> None:
+    one = found.fit.best
+    for gap, said in ((0.5, False), (3.0, True)):
+        fit = replace(found.fit, restarts=(replace(one, log_likelihood=one.log_likelihood - gap), one))
+        text = text_of(replace(found, fit=fit))
+        assert ("Only one of 2 starts of the fit came within one nat of its likelihood" in text) == said
+
+
 def test_dates_and_labels_are_kept(found: Backtest) -> None:
     returns = market()
     assert found.assets == tuple(returns.columns)

@@ -248,11 +248,7 @@ def notes_of(result: Backtest) -> list[str]:
         f"risk aversion γ = {settings.risk_aversion:g} in γu'Σu − μ'u, no ½; budget {result.budget}.",
         *_sequential_notes(result),
         *_limit_notes(result),
-        *(
-            []
-            if result.fit.covariance in ("sample", "given")
-            else [f"Covariances are not full ones: {result.fit.size}."]
-        ),
+        *_fit_notes(result),
         "Naive observer: knows means, covariances and γ, takes the published weights (of a lottery, the draw) for optimal, and "
         "guesses the centre of the beliefs that explain them.",
         *_aware_notes(result),
@@ -261,6 +257,17 @@ def notes_of(result: Backtest) -> list[str]:
         f"Intervals: studentised circular block bootstrap, {REPLICATES} samples (Ledoit and Wolf 2008).",
         *_silence_notes(result),
     ]
+
+
+def _fit_notes(result: Backtest) -> list[str]:
+    fit = result.fit
+    notes = [] if fit.covariance in ("sample", "given") else [f"Covariances are not full ones: {fit.size}."]
+    if len(fit.restarts) > 1 and fit.alike == 1:
+        notes.append(
+            f"Only one of {len(fit.restarts)} starts of the fit came within one nat of its likelihood: another --seed may find "
+            "other regimes."
+        )
+    return notes
 
 
 def _silence_notes(result: Backtest) -> list[str]:
@@ -456,7 +463,6 @@ def summary_data(result: Backtest) -> dict[str, Any]:
         chosen["rival"] = rival.model_dump(exclude_none=True)
     if own is not None:
         chosen["own"] = own.file.model_dump(exclude_none=True)
-    best = max(restart.log_likelihood for restart in result.fit.restarts)
     return {
         "version": __version__,
         "verdict": verdict(result),
@@ -481,7 +487,7 @@ def summary_data(result: Backtest) -> dict[str, Any]:
         "fit": {
             "log_likelihood": result.fit.log_likelihood,
             "restarts": len(result.fit.restarts),
-            "restarts_within_one_nat": sum(best - one.log_likelihood < 1.0 for one in result.fit.restarts),
+            "restarts_within_one_nat": result.fit.alike,
             "collapsed": sum(bool(one.collapsed) for one in result.fit.restarts),
             "covariance": result.fit.covariance,
             "effective_parameters": result.fit.best.n_parameters,

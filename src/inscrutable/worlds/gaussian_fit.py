@@ -109,6 +109,15 @@ class FittedWorld(Summarised):
         return max(self.restarts, key=_rank)
 
     @property
+    def alike(self) -> int:
+        """Number of restarts that came within one nat of the best one; collapsed ones do not count where it is none."""
+        best = self.best
+        return sum(
+            best.log_likelihood - each.log_likelihood < 1.0 and bool(each.collapsed) == bool(best.collapsed)
+            for each in self.restarts
+        )
+
+    @property
     def size(self) -> str:
         """Numbers of parameters and of data, in words."""
         return (

@@ -148,3 +148,21 @@ def test_one_asset_under_two_names_is_named() -> None:
     assert suspicious_entries(returns) == ()
     (said,) = suspicious_entries(returns.assign(Copy=returns["A"]))
     assert said.startswith("Copy: the same returns as A in every row")
+
+
+def test_a_column_that_is_a_combination_of_others_is_named(fresh_rng: np.random.Generator) -> None:
+    returns = monthly(fresh_rng, 120, 5)
+    total = 0.3 * returns["Fund 0"] + 0.7 * returns["Fund 3"] + 0.001
+    double = 2.0 * returns["Fund 1"]
+    for rounded in (returns, returns.round(6)):
+        assert suspicious_entries(rounded) == ()
+        (first, second) = suspicious_entries(rounded.assign(Total=total.round(6), Double=double.round(6)))
+        said = {first.partition(":")[0]: first, second.partition(":")[0]: second}
+        (pair,) = {"Double", "Fund 1"} & said.keys()
+        (whole,) = {"Total", "Fund 0", "Fund 3"} & said.keys()
+        assert "a combination of" in said[pair]
+        assert all(name in said[whole] for name in {"Total", "Fund 0", "Fund 3"} - {whole})
+        assert "Fund 2" not in said[whole] + said[pair]
+    near = total + 0.003 * pd.Series(fresh_rng.normal(size=120), returns.index)
+    assert suspicious_entries(returns.assign(Near=near)) == ()
+    assert suspicious_entries(returns.iloc[:11].assign(Total=total)) == ()  # too few rows to tell

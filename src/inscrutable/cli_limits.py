@@ -81,7 +81,7 @@ def weights_of(path: Path, investor: InvestorModel, normalise: bool, map_: Path 
     try:
         return read_weights(path, assets=investor.assets, net=investor.net)
     except InputError as error:
-        if investor.net != 1.0:
+        if investor.net != 1.0 or not path.is_file():
             raise
         raise InputError(f"{error}. Holdings in another unit, with cash or other tickers: --normalise") from None
 

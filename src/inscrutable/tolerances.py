@@ -364,6 +364,13 @@ SPLIT_CHANCE = 2e-4
 LEAST_REPEATS = 6
 """Equal returns running that are named however seldom values repeat: half a year of months, a week of days and one."""
 
+COMBINED_COLUMNS = 1e-6
+"""Share of a column's variance that other columns leave unexplained, below which it is a combination of them: returns rounded
+to six decimals leave 1e-8, an index with weights that follow prices 1e-3."""
+
+COMBINATION_PART = 1e-3
+"""Coefficient of a column of unit variance from which it is named as part of a combination: rounded returns leave 1e-5."""
+
 LONGEST_HOLIDAYS = 12.0
 """Days without a row that exchanges have been closed for on holidays, with the weekends at both ends."""
 

@@ -110,7 +110,7 @@ class ProtectedAlphas:
         if simulated is not None:
             lines.append(
                 "The limits make hiding cheaper, so the rule hides more: its simulated regret, "
-                f"{simulated.mean:.4g} ± {simulated.standard_error:.1g} per step, equals the budget."
+                f"{simulated.mean:.4g} ± {simulated.standard_error:.2g} per step, equals the budget."
             )
         elif most and not np.isfinite(maker.silence_regret):
             lines.append(

@@ -165,7 +165,7 @@ def test_nobody_can_be_stopped_from_copying(kind, share):
     """W ≥ r₀ − Eρ for a rival with the agent's own problem, and W ≤ r₀."""
     rng = np.random.default_rng([FRESH, kind == "market"])
     beliefs, limit = uniform_prior(3, 4).beliefs, 0.0
-    while limit == 0.0:  # one choice may be the best under every belief
+    while limit < 1e-12:  # one choice may be the best under every belief
         problem = market(FRESH % 50)[0] if kind == "market" else FiniteProblem(rng.normal(size=(3, 5)))
         prior, candidates = Prior(beliefs, rng.dirichlet(np.ones(len(beliefs)))), decoy_grid(problem, 6)
         limit = share * leakage(mechanism(OriginalDecisionMaker(problem), beliefs), prior, problem).silence_regret

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.linalg import null_space
 
 from inscrutable import (
     InputError,
@@ -149,6 +150,24 @@ def test_more_rows_change_no_earlier_one(fresh_rng: np.random.Generator) -> None
     early, whole = kalman_filter(world, rows[:12]), kalman_filter(world, rows)
     assert np.array_equal(early.means, whole.means[:12])
     assert np.array_equal(early.covariances, whole.covariances[:12])
+
+
+def test_a_filter_whose_sensors_reveal_the_state_predicts_with_the_process_noise(
+    fresh_rng: np.random.Generator,
+) -> None:
+    """Twice as many sensors as states and noises: half of their combinations have none. Noises are up to 300 times larger."""
+    seen = 0
+    while seen < 60:
+        n = int(fresh_rng.integers(1, 3))
+        move, sensor = fresh_rng.normal(size=(n, n)), fresh_rng.normal(size=(2 * n, n))
+        noise = fresh_rng.normal(size=(2 * n, n)) * 10.0 ** fresh_rng.uniform(0.0, 2.5)
+        if np.linalg.svd(null_space(noise.T).T @ sensor, compute_uv=False)[-1] < 0.1:
+            continue
+        process = np.eye(n) + 0.3 * fresh_rng.normal(size=(n, n))
+        world = LinearGaussianWorld(move, process @ process.T, sensor, noise @ noise.T)
+        found = steady_filter(world).predicted_covariance
+        np.testing.assert_allclose(found, world.process, rtol=0, atol=1e-7 * np.abs(found).max())
+        seen += 1
 
 
 def test_the_steady_filter_is_where_the_filter_goes(fresh_rng: np.random.Generator) -> None:

@@ -496,6 +496,9 @@ RICCATI = 1e-12
 """Residual of a steady covariance, relative to its largest entry, to which the Riccati equation is solved: its inverse is how
 large a covariance may grow beside its noises before it counts as one that does not converge."""
 
+ROUNDED_RICCATI = 1e-8
+"""The same where the products of a prediction are so much larger than the covariance that their rounding leaves no less."""
+
 INTERIOR = 1e-11
 """Where an interior-point method for alphas ends, relative to the expected returns: near enough to tell which rows are tight;
 on these the decision is then solved to `STATIONARITY`."""

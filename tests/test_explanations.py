@@ -10,6 +10,7 @@ from inscrutable import (
     Budget,
     CounterAdversarialDecisionMaker,
     DecisionStatus,
+    FiniteProblem,
     Infeasibility,
     InputError,
     LocalSearch,
@@ -186,6 +187,27 @@ def test_a_privacy_can_be_asked_for_and_its_price_falls_to_what_the_search_needs
     assert cheapest_privacy(problem, belief, Infeasibility(margin=100.0), candidates=apart).regret == np.inf
     with pytest.raises(InputError, match="privacy must be"):
         cheapest_privacy(problem, belief, privacy="much")
+
+
+def test_the_cheapest_of_finite_choices_is_a_whole_number(fresh_rng: np.random.Generator) -> None:
+    """By enumeration, also where the optimal choice has the privacy, and where its cost is zero."""
+    assert cheapest_privacy(FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), [1.0, 0.0], privacy=0.0).share == 0.0
+    for _ in range(20):
+        n_choices = int(fresh_rng.integers(2, 5))
+        problem, belief = FiniteProblem(fresh_rng.normal(size=(2, n_choices))), fresh_rng.dirichlet(np.ones(2))
+        distances = []
+        for choice in range(n_choices):
+            found = consistent_beliefs(problem, choice)
+            distances.append(np.nan if found.is_empty else found.distance(belief))
+        regrets = problem.regret(belief, np.arange(n_choices))
+        for least in (0.0, 0.1, 0.4):
+            enough = np.array(distances) >= least  # never where no belief explains the choice
+            cheapest = cheapest_privacy(problem, belief, privacy=least)
+            wanted = regrets[enough].min(initial=np.inf)
+            assert cheapest.regret == pytest.approx(wanted, abs=1e-12)
+            if np.isfinite(wanted):
+                assert isinstance(cheapest.action, int | np.integer)
+                assert regrets[cheapest.action] == pytest.approx(wanted, abs=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(instances(6, least=3)))

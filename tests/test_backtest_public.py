@@ -145,10 +145,26 @@ def test_numbers_that_are_no_returns_are_read_by_the_investor_too(runs: dict[str
     assert np.abs(found.beliefs.to_numpy() - runs["none"].beliefs.to_numpy()).max() > 0.01
 
 
+def test_who_follows_all_that_is_public_takes_what_the_investor_read(runs: dict[str, Backtest]) -> None:
+    """The filter of the returns alone, beside a number that it did not read, and that of both."""
+    plain = runs["none"].beliefs
+    with coarse_rivals(20), repeated_fits():
+        own = run(RETURNS, beliefs=plain, beside=BesideReturns(sentiment()))
+    for found, named in ((own, "these returns are public"), (runs["fear"], "these returns and fear are public")):
+        assert found.figures["ODM"]["error_all_returns"] == pytest.approx(0.0, abs=1e-9)
+        said = text_of(found)
+        assert named in said
+        assert f"All: {named}, and the belief comes from them alone" in said
+    assert "which the investor reads, too" in text_of(runs["fear"])
+    assert "which the investor reads, too" not in text_of(own)
+    assert "all: error by following these returns and fear, no weights" in table_of(runs["fear"]).index
+
+
 def test_what_does_not_fit_is_refused() -> None:
     rows, late = signal(), sentiment().iloc[: TRAINING + DECISIONS - 2]
     bad = rows.copy()
     bad.iloc[7, 0] = -1.0
+    moved = {date: date - pd.Timedelta(days=1) for date in rows.index[[9, 12]]}
     refused = [
         ("one of the assets", BesideReturns("Oil"), {}),
         ("public lacks 2 of", BesideReturns(late), {}),
@@ -156,6 +172,7 @@ def test_what_does_not_fit_is_refused() -> None:
         ("one per regime", BesideReturns(private=rows.rename(columns={"calm": "quiet"})), {}),
         ("likelihoods are at least 0", BesideReturns(private=bad), {}),
         ("none of the dates", BesideReturns(private=rows.shift(freq="D")), {}),
+        ("2 of .* rows on dates that the returns do not have", BesideReturns(private=rows.rename(index=moved)), {}),
         ("beliefs or private", BesideReturns(private=rows), {"beliefs": rows}),
     ]
     for said, beside, more in refused:

@@ -29,6 +29,7 @@ from inscrutable.experiments.backtest_inputs import BacktestSettings, ReturnsSam
 from inscrutable.experiments.backtest_public import (
     BesideReturns,
     PublicWorld,
+    all_public,
     held_beliefs,
     investors_world,
     public_world,
@@ -45,7 +46,6 @@ from inscrutable.experiments.silence import budget_in
 from inscrutable.filtering import filter_beliefs
 from inscrutable.mechanisms import Disclosure
 from inscrutable.problems import MarkowitzProblem, Polyhedron
-from inscrutable.validation import Array
 from inscrutable.worlds import FittedWorld, GaussianEmission, HiddenMarkovModel, fit_gaussian_hmm
 from inscrutable.worlds.gaussian_fit import Restart
 from inscrutable.worlds.hidden_markov import default_names
@@ -131,7 +131,7 @@ def run_backtest(
     spent = None if chosen.budget is None else budget_in(world, problem, chosen.budget)
     chosen = replace(chosen, budget=spent)
     read = BesideReturns() if beside is None else beside
-    world, public, everything = _with_public(read, world, market)
+    world, public, followed = _with_public(read, world, market, is_read=beliefs is None)
     held = _held_beliefs(world, market, public, read.private, beliefs)
     symbols = public.symbols(market.decided)
     measure, budget = chosen.measure, chosen.budget_of_each
@@ -162,7 +162,7 @@ def run_backtest(
     comparisons = {name: _comparison(earned, performance["ODM"], bootstrap_rng) for name, earned in performance.items()}
     for doubt in resting_beliefs(held):  # the fit says its own
         _LOGGER.warning("%s", doubt)
-    told = read_public(public, episode, everything, aware, market.decided)
+    told = read_public(public, episode, all_public(followed, held, read.public), aware, market.decided)
     return Backtest(
         chosen,
         market,
@@ -263,14 +263,16 @@ def regime_names(count: int) -> tuple[str, ...]:
 
 
 def _with_public(
-    read: BesideReturns, world: HiddenMarkovModel, market: ReturnsSample
-) -> tuple[HiddenMarkovModel, PublicWorld, Array]:
-    """Return the investor's world and what is public of it, and the beliefs (T,X) from all returns at the decisions' dates."""
+    read: BesideReturns, world: HiddenMarkovModel, market: ReturnsSample, *, is_read: bool
+) -> tuple[HiddenMarkovModel, PublicWorld, list[pd.DataFrame]]:
+    """Return the investor's world, what is public of it, and the beliefs from all returns, alone and with a separate number."""
     alone = filter_beliefs(world, market.returns)
     public = public_world(read, world, market, alone.beliefs)
     seen = investors_world(public, world)
-    predicted = alone.predicted if seen is world else held_beliefs(seen, market, public, None)
-    return seen, public, predicted.loc[market.decided].to_numpy()
+    predicted = [alone.predicted, *([] if seen is world else [held_beliefs(seen, market, public, None)])]
+    if is_read and seen is not world:
+        public = replace(public, said=f"{public.said}, which the investor reads, too")
+    return seen, public, [each.loc[market.decided] for each in predicted]
 
 
 def _held_beliefs(

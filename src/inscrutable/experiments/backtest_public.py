@@ -7,9 +7,9 @@ with particles, real returns have probability 0 far more often.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -95,6 +95,7 @@ class BesideWeights:
         without: Of an observer who follows the public number and sees no weights; None without one.
         face: The beliefs nearest to `without` among those that explain the weights, by decision maker.
         followed: Given the weights and the rule as well, by decision maker; empty where that was not computed.
+        number: Name of the public number, no return, that `everything` follows as well; empty where it follows none.
     """
 
     said: str
@@ -102,6 +103,7 @@ class BesideWeights:
     without: Array | None
     face: Mapping[str, Array]
     followed: Mapping[str, Array]
+    number: str = ""
 
     def figures(self, name: str, beliefs: Array) -> dict[str, float]:
         """Return the errors of these estimates; NaN where there is none."""
@@ -121,9 +123,7 @@ def public_world(beside: BesideReturns, world: HiddenMarkovModel, market: Return
     if isinstance(beside.public, pd.Series):
         read = _on_dates(beside.public, pd.DatetimeIndex(market.returns.index), "public")
         sensor = _fitted(read.iloc[: market.n_training].to_numpy(), np.asarray(held)[: market.n_training])
-        return _cut(
-            f"{beside.public.name or 'its numbers'}, which the investor reads, too", world, sensor, read, market
-        )
+        return _cut(_name_of(beside.public), world, sensor, read, market)
     if beside.public in (NOTHING, ALL):
         return PublicWorld("nothing" if beside.public == NOTHING else "all returns", is_all=beside.public == ALL)
     if beside.public == MARKET and beside.public not in assets:
@@ -165,10 +165,32 @@ def held_beliefs(
     return filter_beliefs(told, market.returns, public=signal).predicted
 
 
+def _name_of(public: str | pd.Series) -> str:
+    return str(public.name or "its numbers") if isinstance(public, pd.Series) else public
+
+
+class AllPublic(NamedTuple):
+    """The estimates (T,X) of an observer who follows all returns."""
+
+    beliefs: Array
+    number: str  # the public number, no return, that it follows as well; empty for none
+
+
+def all_public(followed: Sequence[pd.DataFrame], held: pd.DataFrame, public: str | pd.Series) -> AllPublic:
+    """Return the estimates that are nearest to the investor's beliefs, from all returns alone or with a public number.
+
+    An investor with beliefs of its own need not have read the number.
+    """
+    errors = [estimate_quality(each.to_numpy(), held.to_numpy()).error for each in followed]
+    best = int(np.argmin(errors))
+    return AllPublic(followed[best].to_numpy(), _name_of(public) if best else "")
+
+
 def read_public(
-    public: PublicWorld, episode: Episode, everything: Array, aware: AwareReading | None, dates: pd.DatetimeIndex
+    public: PublicWorld, episode: Episode, of_all: AllPublic, aware: AwareReading | None, dates: pd.DatetimeIndex
 ) -> BesideWeights:
     """Return the estimates of observers who follow a public number."""
+    everything = of_all.beliefs
     without = everything if public.is_all else None
     if public.world is not None and public.read is not None:
         sensor, world = public.world.public_emission, public.world
@@ -177,12 +199,12 @@ def read_public(
         found = filter_beliefs(alone, public.read.to_numpy()).predicted
         without = found[pd.DatetimeIndex(public.read.index).get_indexer(dates)]
     if without is None:
-        return BesideWeights(public.said, everything, None, {}, {})
+        return BesideWeights(public.said, everything, None, {}, {}, of_all.number)
     face = {name: _nearest(episode, record.decisions.action, without) for name, record in episode.records.items()}
     followed = dict.fromkeys(episode.records, everything) if public.is_all else {}
     if not public.is_all and aware is not None:
         followed = dict(aware.beside_public)
-    return BesideWeights(public.said, everything, without, face, followed)
+    return BesideWeights(public.said, everything, without, face, followed, of_all.number)
 
 
 class _Signal:
@@ -248,10 +270,17 @@ def _signal(private: pd.DataFrame, dates: pd.DatetimeIndex, regimes: tuple[str, 
             f"private has the columns {list(private.columns)}, expected one per regime, by rising volatility: {list(regimes)}"
         )
     rows = private[list(regimes) if columns == set(regimes) else list(range(len(regimes)))]
-    rows = rows.loc[rows.index.isin(dates)]
+    inside = rows.loc[(rows.index >= dates[0]) & (rows.index <= dates[-1])]
+    stray = inside.index[~inside.index.isin(dates)]
+    rows = inside.drop(stray)
     if not len(rows) or rows.index.has_duplicates:
         raise InputError(
             "private has none of the dates of the returns" if not len(rows) else "private has a date twice"
+        )
+    if len(stray):
+        raise InputError(
+            f"private has {len(stray)} of {len(inside)} rows on dates that the returns do not have, the first "
+            f"{stray[0]:%Y-%m-%d}: give signals on the returns' own dates"
         )
     values = validation.finite_array(rows.to_numpy(), "private", ndim=2)
     bad = np.flatnonzero((values < 0).any(axis=1) | ~(values.max(axis=1) > 0))

@@ -155,6 +155,9 @@ def test_who_follows_all_that_is_public_takes_what_the_investor_read(runs: dict[
         said = text_of(found)
         assert named in said
         assert f"All: {named}, and the belief comes from them alone" in said
+    reads = {name: each.investor.reads for name, each in runs.items()}
+    wanted = {"fear": "fear", "private": "a private signal, or beliefs of its own"}
+    assert reads == {name: wanted.get(name, "") for name in runs}
     assert "which the investor reads, too" in text_of(runs["fear"])
     assert "which the investor reads, too" not in text_of(own)
     assert "all: error by following these returns and fear, no weights" in table_of(runs["fear"]).index

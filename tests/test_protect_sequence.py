@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -159,6 +160,11 @@ def test_the_belief_of_the_next_step_comes_from_the_returns_so_far(
     for command in ([*call[:-2], "--returns"], once[:4]):
         assert main([*command, str(tmp_path / "one.csv")]) == 0
         assert "Caution: these returns are too few" in capsys.readouterr().out
+    more = replace(model, reads="pmi").save(tmp_path / "more.json")
+    assert InvestorModel.load(more).reads == "pmi"
+    assert main(["protect", "--model", str(more), "--returns", str(tmp_path / "returns.csv"), "-q"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "backtest also rest on pmi. This belief is that of the returns alone." in shown
     for wrong, said in (
         (["--out", "x", "--belief", "1,0"], "--out does not go"),
         ([], "one of --belief and --returns"),

@@ -55,7 +55,11 @@ def belief_after(path: Path, investor: InvestorModel, speech: Speech) -> tuple[A
         "Caution: these returns are too few for this belief: by what is held before the first row, a regime's "
         f"probability differs by up to {apart:.2f}; give all returns since the model's first ones."
     )
-    return found, table, [few] if apart > _FEW_ROWS else []
+    more = (
+        f"Caution: the beliefs of this model's backtest also rest on {investor.reads}. This belief is that of the returns "
+        "alone."
+    )
+    return found, table, [*([few] if apart > _FEW_ROWS else []), *([more] if investor.reads else [])]
 
 
 def protect_next(

@@ -123,9 +123,16 @@ class Backtest:
         until = self.settings.train_until
         note = "; ".join([f"regimes fitted to {len(self.assets)} assets up to {until}", *self.doubts])
         limit = self.settings.turnover
-        return InvestorModel(
-            world, self.problem, self.assets, self.regimes, self.budget, note, limit, step_of(self.beliefs.index)
-        )
+        made = InvestorModel(world, self.problem, self.assets, self.regimes, self.budget, note, limit)
+        return replace(made, step=step_of(self.beliefs.index), reads=self._reads_more)
+
+    @property
+    def _reads_more(self) -> str:
+        """What the beliefs rest on besides the returns; empty for nothing."""
+        if self.public is None or self.public.number:
+            return "" if self.public is None else self.public.number
+        is_known = self.figures[self.names[0]]["error_all_returns"] <= tolerances.SAME_BELIEF
+        return "" if is_known else "a private signal, or beliefs of its own"
 
     def weights(self, name: str) -> pd.DataFrame:
         """Return the portfolios that a decision maker published, (T,U) by date of decision; for a lottery, its draws."""

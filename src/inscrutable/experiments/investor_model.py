@@ -56,6 +56,7 @@ class InvestorModel:
         turnover: Largest sum of purchases and sales relative to the last published weights; None: no limit. `problem` does not
             include it.
         step: Time between two rows of returns, such as "month"; empty where not known. Returns of another step are refused.
+        reads: What the beliefs rest on besides the returns, such as the name of a public number; empty for nothing.
 
     Raises:
         InputError: The numbers or names of regimes or assets disagree, or a label is duplicated.
@@ -80,6 +81,7 @@ class InvestorModel:
     note: str = ""
     turnover: float | None = None
     step: str = ""
+    reads: str = ""
 
     def __repr__(self) -> str:
         told = f"; {self.note}" if self.note else ""
@@ -187,6 +189,7 @@ class InvestorModel:
         } | {
             **({} if self.turnover is None else {"turnover": self.turnover}),
             **({"step": self.step} if self.step else {}),
+            **({"reads": self.reads} if self.reads else {}),
         }
         write_json(data, path)
         return Path(path)
@@ -330,7 +333,7 @@ def _built(source: Path, file: ModelFile) -> InvestorModel:
         budget = Budget(file.budget.amount, file.budget.is_relative)
     with _naming(source, "assets and regimes"):
         names = tuple(file.assets), tuple(file.regimes)
-        return InvestorModel(world, problem, *names, budget, file.note, file.turnover, file.step)
+        return InvestorModel(world, problem, *names, budget, file.note, file.turnover, file.step, file.reads)
 
 
 @contextmanager

@@ -101,6 +101,7 @@ class ModelFile(Section):
     problem: ProblemPart
     turnover: float | None = None
     step: str = ""
+    reads: str = ""
 
 
 def checked(source: Path, data: dict[str, Any]) -> ModelFile:

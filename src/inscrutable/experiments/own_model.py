@@ -295,9 +295,7 @@ def investor_of(path: Path, limits: LimitsPart | None = None) -> InvestorModel:
     region = problem.constraints if more.is_empty else limits.region(model.assets)
     limited = MarkowitzProblem(problem.means, problem.covariances, problem.risk_aversion, region)
     turnover = model.turnover if limits.turnover is None else limits.turnover
-    return InvestorModel(
-        model.world, limited, model.assets, model.regimes, model.budget, model.note, turnover, model.step
-    )
+    return replace(model, problem=limited, turnover=turnover)
 
 
 def _said(problem: Any, source: TomlSource) -> str:

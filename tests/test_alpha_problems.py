@@ -114,6 +114,19 @@ def test_a_singular_risk_decides_where_its_constraints_let_it() -> None:
     problem = AlphaProblem(np.ones((2, 2)), 1.0, simplex(2))
     found = problem.optimum([0.0, 0.1])
     assert found.tolist() == [0.0, 1.0]
+    # A budget leaves the exchange of one for the other, which has no risk: a gain in it is unbounded, a tie stays one.
+    for scale in (1e-6, 0.04, 1.0, 1e6):
+        alike = AlphaProblem(np.full((2, 2), scale), 1.0, Polyhedron(A_eq=[[1.0, 1.0]], b_eq=[1.0]))
+        with pytest.raises(ModelError, match="the risk is singular"):
+            alike.optimum([0.02, 0.01])
+        np.testing.assert_allclose(alike.optimum([0.02, 0.02]), [0.5, 0.5])
+        three = np.array([[1.0, 1.0, 0.3], [1.0, 1.0, 0.3], [0.3, 0.3, 2.0]]) * scale
+        copied = AlphaProblem(three, 1.0, Polyhedron(A_eq=[[1.0, 1.0, 1.0]], b_eq=[1.0]))
+        single = AlphaProblem(three[1:, 1:], 1.0, Polyhedron(A_eq=[[1.0, 1.0]], b_eq=[1.0]))
+        found, wanted = copied.optimum([0.02, 0.02, 0.05]), single.optimum([0.02, 0.05])
+        np.testing.assert_allclose([found[0] + found[1], found[2]], wanted, rtol=1e-9)
+        with pytest.raises(ModelError, match="the risk is singular"):
+            copied.optimum([0.02, 0.01, 0.05])
     flat = AlphaProblem(np.diag([1.0, 0.0]), 0.5, Polyhedron(A_eq=[[0.0, 1.0]], b_eq=[2.0]))
     np.testing.assert_allclose(flat.optimum([3.0, 7.0]), [3.0, 2.0])
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.alphas.programmes import RiskProgramme
-from inscrutable.alphas.risk import FactorRisk, Risk, as_risk
+from inscrutable.alphas.risk import FactorRisk, Risk, as_risk, singular_risk
 from inscrutable.axes import Axis, Names
 from inscrutable.errors import InputError, SolverError
 from inscrutable.problems.constraints import Polyhedron, checked_region
@@ -170,10 +170,12 @@ class AlphaProblem:
             return _without_rounding(first - solved @ (inner @ (rows @ first)), np.abs(first))
         if not len(self.equalities[0]):
             return self.risk.solve(values)
-        basis, inside = self._inside
+        basis, inside, free = self._inside
+        size = np.abs(values).max(axis=0, initial=0.0)
+        if _without_rounding(free.T @ values, size).any():
+            raise singular_risk(0.0)
         if not basis.shape[1]:  # the equalities fix the decision
             return np.zeros(np.shape(values))
-        size = np.abs(values).max(axis=0, initial=0.0)
         return np.asarray(basis @ inside.solve(_without_rounding(basis.T @ values, size)))
 
     @cached_property
@@ -184,12 +186,20 @@ class AlphaProblem:
         return rows, solved, np.asarray(inner, dtype=np.float64)
 
     @cached_property
-    def _inside(self) -> tuple[Array, Risk]:
-        """An orthonormal basis of the null space of H, and the risk in it."""
+    def _inside(self) -> tuple[Array, Risk, Array]:
+        """An orthonormal basis of the null space of H, the risk in it, and directions in it that have no risk."""
         rows = self.equalities[0]
         _, sizes, axes = np.linalg.svd(rows, full_matrices=True)
         basis = axes[int((sizes > tolerances.CURVATURE * sizes.max(initial=0.0)).sum()) :].T
-        return basis, as_risk(basis.T @ self.risk.dense() @ basis) if basis.shape[1] else self.risk
+        if not basis.shape[1]:
+            return basis, self.risk, basis[:, :0]
+        whole = self.risk.dense()
+        variances, axes = np.linalg.eigh(basis.T @ whole @ basis)
+        costs = variances > len(whole) * np.finfo(np.float64).eps * np.abs(whole).max()  # Z'VZ of rounding is no risk
+        if costs.all():
+            return basis, as_risk(basis.T @ whole @ basis), basis[:, :0]
+        inside = as_risk(np.diag(variances[costs])) if costs.any() else self.risk
+        return basis @ axes[:, costs], inside, basis @ axes[:, ~costs]
 
     @cached_property
     def least_risk(self) -> Array:

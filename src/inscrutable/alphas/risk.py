@@ -70,6 +70,14 @@ class Risk(ABC):
         return int(self.diagonal.size)
 
 
+def singular_risk(smallest: float) -> ModelError:
+    """Return the error of a risk whose smallest eigenvalue is zero to rounding."""
+    return ModelError(
+        f"the risk is singular: its smallest eigenvalue is {smallest:.3g}, and something costs no risk at all; add "
+        "specific variances, or leave out assets that others make up"
+    )
+
+
 class DenseRisk(Risk):
     """A covariance that is given as a matrix.
 
@@ -92,11 +100,7 @@ class DenseRisk(Risk):
             return cho_factor(self._matrix, lower=True)
         except np.linalg.LinAlgError:
             pass
-        smallest = float(np.linalg.eigvalsh(self._matrix)[0])
-        raise ModelError(
-            f"the risk is singular: its smallest eigenvalue is {smallest:.3g}, and something costs no risk at all; add "
-            "specific variances, or leave out assets that others make up"
-        )
+        raise singular_risk(float(np.linalg.eigvalsh(self._matrix)[0]))
 
     @cached_property
     def is_definite(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import multivariate_normal, norm
 
@@ -50,6 +51,31 @@ def test_two_steps_with_known_states_are_gaussian_conditioning() -> None:
     np.testing.assert_allclose(found.means[-1], mean[2:], atol=1e-10)
     np.testing.assert_allclose(found.covariances[-1], spread[2:, 2:], atol=1e-10)
     assert found.log_likelihood == pytest.approx(log_density, abs=1e-10)
+
+
+def test_tables_are_read_by_their_labels() -> None:
+    names, dates = ["a", "b"], pd.date_range("2020-01", periods=2, freq="ME")
+
+    def table(values: np.ndarray, rows: list[str], columns: list[str]) -> pd.DataFrame:
+        return pd.DataFrame(values, rows, columns)
+
+    world = LinearGaussianWorld(
+        table(MOVE, names, names), table(PROCESS, names, names), table(READ, ["y", "z"], names), NOISE, (MEAN, SPREAD)
+    )
+    view = LinearView(table(VIEW.matrix[:, ::-1], ["u"], names[::-1]), VIEW.noise)
+    states, seen = np.array([[0.5, -1.0], [0.2, 0.3]]), pd.DataFrame(SEEN, dates, ["u"])
+    known = pd.DataFrame(states[::-1, ::-1], dates[::-1], names[::-1])
+    found, wanted = (
+        inverse_kalman_filter(world, seen, view, states=known),
+        inverse_kalman_filter(WORLD, SEEN, VIEW, states=states),
+    )
+    np.testing.assert_array_equal(found.means, wanted.means)
+    assert found.log_likelihood == wanted.log_likelihood
+    own = kalman_filter(world, pd.DataFrame([[0.4, -0.7], [0.1, 0.2]], dates, ["y", "z"])).means
+    plain = np.asarray(own)
+    assert inverse_kalman_filter(world, own).log_likelihood == inverse_kalman_filter(WORLD, plain).log_likelihood
+    with pytest.raises(InputError, match="other observation labels"):
+        inverse_kalman_filter(world, seen.set_axis(["v"], axis=1), view, states=known)
 
 
 def test_two_steps_with_unknown_states_are_gaussian_conditioning() -> None:

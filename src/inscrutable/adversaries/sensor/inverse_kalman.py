@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
+from inscrutable.axes import Axis, Names
 from inscrutable.errors import InputError
 from inscrutable.validation import Array
 from inscrutable.worlds.kalman import KalmanResult, kalman_filter
@@ -23,8 +24,10 @@ class LinearView:
         matrix: H, shape (q,n).
         noise: E, shape (q,q), positive semidefinite; None: no noise.
 
+    Labels of tables are kept as `names` of the observations and `state_names`.
+
     Raises:
-        InputError: Shapes disagree, or a number is not finite.
+        InputError: Shapes or labels disagree, or a number is not finite.
 
     Example:
         >>> LinearView([[2.0, 0.0]]).noise.tolist()
@@ -33,14 +36,31 @@ class LinearView:
 
     matrix: Array
     noise: Array
+    names: Names | None
+    state_names: Names | None
 
     def __init__(self, matrix: ArrayLike, noise: ArrayLike | None = None) -> None:
-        rows = validation.finite_array(matrix, "matrix", ndim=2)
-        blur = np.zeros((len(rows), len(rows))) if noise is None else validation.finite_array(noise, "noise", ndim=2)
+        told, states = Axis("observation", learns=True), Axis("state", learns=True)
+        rows = validation.finite_array(matrix, "matrix", ndim=2, axes=(told, states))
+        blur = np.zeros((len(rows), len(rows)))
+        if noise is not None:
+            blur = validation.finite_array(noise, "noise", ndim=2, axes=(told, told))
         if blur.shape != (len(rows), len(rows)):
             raise InputError(f"noise has shape {blur.shape}, expected {(len(rows), len(rows))}, as matrix has rows")
         object.__setattr__(self, "matrix", rows)
         object.__setattr__(self, "noise", blur)
+        object.__setattr__(self, "names", told.names)
+        object.__setattr__(self, "state_names", states.names)
+
+    def of(self, world: LinearGaussianWorld) -> LinearView:
+        """Return the view with its columns in the order of a world's states."""
+        if self.matrix.shape[1] != world.n_states:
+            raise InputError(
+                f"the view's matrix has {self.matrix.shape[1]} columns, expected one per state: {world.n_states}"
+            )
+        known = self.state_names is not None and world.names is not None
+        order = Axis("state", world.names).order(self.state_names or (), "the view's matrix") if known else None
+        return self if order is None else LinearView(self.matrix[:, order], self.noise)
 
 
 def inverse_kalman_filter(
@@ -63,7 +83,7 @@ def inverse_kalman_filter(
         Its log-likelihood is the density of the observations, given the states where known: the likelihood of a sensor.
 
     Raises:
-        InputError: Shapes disagree, or the world has a public sensor.
+        InputError: Shapes or labels disagree, or the world has a public sensor.
         ModelError: The observations have no density: a column is known without noise from the others.
 
     Cost: O(T n³).
@@ -79,14 +99,14 @@ def inverse_kalman_filter(
     if not isinstance(world, LinearGaussianWorld) or world.public is not None:
         raise InputError(f"world must be a LinearGaussianWorld with nothing public, got {world!r}")
     n = world.n_states
-    seeing = LinearView(np.eye(n)) if view is None else view
-    if seeing.matrix.shape[1] != n:
-        raise InputError(f"the view's matrix has {seeing.matrix.shape[1]} columns, expected one per state: {n}")
-    rows = _rows(seen, len(seeing.matrix), "seen")
+    seeing = LinearView(np.eye(n)) if view is None else view.of(world)
+    steps, columns = Axis("row", learns=True), Axis("state", world.names)
+    told = columns if view is None else Axis("observation", view.names)
+    rows = _rows(seen, len(seeing.matrix), "seen", (steps, told))
     gains = _gains(world, len(rows))
     if states is None:
         return kalman_filter(_joint_world(world, gains, seeing), rows)
-    path = _rows(states, n, "states")
+    path = _rows(states, n, "states", (steps, columns))
     if len(path) != len(rows) or not np.isfinite(path).all():
         raise InputError(f"states must be {len(rows)} finite rows, one per row seen, got {len(path)}")
     drift = _drift(world, gains, path)
@@ -94,9 +114,9 @@ def inverse_kalman_filter(
     return KalmanResult(found.means + drift, found.covariances, found.log_likelihood)
 
 
-def _rows(given: Any, n_columns: int, name: str) -> Array:
+def _rows(given: Any, n_columns: int, name: str, axes: tuple[Axis, Axis]) -> Array:
     """Rows (T,n_columns), NaN where something is missing."""
-    found = validation.real_array(given, name)
+    found = validation.real_array(given, name, axes[: 1 if np.ndim(given) == 1 else 2])
     found = found[:, None] if found.ndim == 1 else found
     if found.ndim != 2 or not len(found) or found.shape[1] != n_columns:
         raise InputError(f"{name} has shape {np.shape(given)}, expected (T,{n_columns}) with T at least 1")

@@ -314,3 +314,27 @@ def test_no_rule_under_a_cap_costs_more_than_the_budget(fresh_rng: np.random.Gen
         apart = joint / np.outer(joint.sum(axis=1), joint.sum(axis=0))
         bits = float((joint[joint > 0] * np.log2(apart[joint > 0])).sum())
         assert found.mutual_information == pytest.approx(bits, abs=1e-5)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7, 0.9])
+def test_the_price_is_the_slope_of_the_least_rate(share: float) -> None:
+    """Two choices, of which the second costs 1 where it is wrong and the first .03: the first belief plays the first choice but
+    for e^{−s}, the second belief the second with probability k = 1 − r / .003, so the rate has a closed form."""
+
+    def rate(regret: float) -> float:
+        k = 1.0 - regret / 0.003
+        q = 0.1 * k
+        second = k * np.log2(k / q) + (1 - k) * np.log2((1 - k) / (1 - q))
+        return float(0.9 * np.log2(1 / (1 - q)) + 0.1 * second)
+
+    problem, prior, spent = FiniteProblem([[0.0, 1.0], [0.03, 0.0]]), Prior(np.eye(2), [0.9, 0.1]), 0.003 * share
+    found = RateDistortionDecisionMaker(problem, Budget.regret(spent), prior=prior, candidates=np.eye(2))
+    assert found.rate == pytest.approx(rate(spent), abs=1e-6)
+    step = 1e-7
+    assert found.price == pytest.approx((rate(spent - step) - rate(spent + step)) / (2 * step), rel=1e-2)
+    # Off the prior the rule is K ∝ q e^{−sρ}, with the law q of what is played.
+    played = 0.1 * (1.0 - share)
+    odds = played / (1.0 - played) * np.exp(-found.price * np.log(2.0) * (0.01 - 0.99 * 0.03))
+    lottery = found.decide([0.01, 0.99])
+    wanted = odds / (1.0 + odds)
+    assert lottery.probabilities[np.asarray(lottery.actions).ravel() == 1].sum() == pytest.approx(wanted, rel=2e-2)

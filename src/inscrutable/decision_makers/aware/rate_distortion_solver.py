@@ -38,6 +38,7 @@ class Hidden:
     regret: float
     steps: int = 0
     free: float = 0.0  # excess regret that counts as none where the price is infinite
+    own_gap: float = 0.0  # rate minus the bound by this law and price, which may lie below the bound and below 0
 
     @property
     def gap(self) -> float:
@@ -108,7 +109,7 @@ def _alternated(search: _Search) -> Hidden:
         search.steps_on_all(cycles)
         if not search.done:
             search.newton(search.few)
-        cycles, gap = 2 * cycles if search.best.gap >= gap else cycles, search.best.gap
+        cycles, gap = 2 * cycles if search.best.own_gap >= gap else cycles, search.best.own_gap
     return replace(search.best, steps=search.steps)
 
 
@@ -118,15 +119,18 @@ class _Search:
     def __init__(self, source: Source, regret: float, effort: RateEffort, law: Array, slope: float) -> None:
         self.source, self.regret, self.effort = source, regret, effort
         self.law, self.slope = law, slope
-        self.best = Hidden(law, slope, np.inf, 0.0, np.inf)
+        self.best = Hidden(law, slope, np.inf, 0.0, np.inf, own_gap=np.inf)
         self.gains = np.ones(len(law))
         self.steps = 0
         self._target = 0.5 * effort.gap / BITS
 
     @property
     def done(self) -> bool:
-        """Whether rate and bound are near enough, or the steps used up."""
-        return self.best.gap <= self.effort.gap or self.steps >= self.effort.most_steps
+        """Whether rate and bound, both of one law and price, are near enough, or the steps used up.
+
+        With the bound of another price the rate may be near its least, and law and price far from those that play it.
+        """
+        return self.best.own_gap <= self.effort.gap or self.steps >= self.effort.most_steps
 
     @property
     def few(self) -> np.ndarray:
@@ -165,7 +169,7 @@ class _Search:
         found, self.gains = certified(self.source, self.law, self.regret, self.slope)
         self.slope = found.slope
         bound = max(found.bound, self.best.bound)
-        self.best = replace(found if found.rate <= self.best.rate else self.best, bound=bound)
+        self.best = replace(found if found.own_gap <= self.best.own_gap else self.best, bound=bound)
         if self.effort.progress is not None:
             self.effort.progress(min(self.steps, self.effort.most_steps), self.effort.most_steps)
 
@@ -188,4 +192,5 @@ def certified(source: Source, law: Array, regret: float, slope: float) -> tuple[
     bound = value - float(np.log(gains.max())) - (slope * regret if slope > 0 else 0.0)
     if mean > regret * (1.0 + tolerances.REGRET_NEAR):  # no price makes these columns affordable
         rate = np.inf
-    return Hidden(law, slope, max(rate, 0.0) * BITS, max(bound, 0.0) * BITS, mean), gains
+    own = (rate - bound) * BITS
+    return Hidden(law, slope, max(rate, 0.0) * BITS, max(bound, 0.0) * BITS, mean, own_gap=own), gains

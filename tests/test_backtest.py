@@ -77,6 +77,16 @@ def test_a_fit_that_one_start_alone_found_is_named(found: Backtest) -> None:
         assert ("Only one of 2 starts of the fit came within one nat of its likelihood" in text) == said
 
 
+def test_beliefs_that_never_move_have_no_share_of_silence(found: Backtest) -> None:
+    """Silence costs a rounding there."""
+    still = found.beliefs * 0.0 + found.beliefs.iloc[0]
+    same = run(market(), beliefs=still)
+    assert same.silence_regret == pytest.approx(0.0, abs=1e-12)
+    for name in same.names:
+        assert np.isnan(same.figures[name]["mean_regret_of_silence"])
+    assert "these beliefs follow another" not in text_of(same) or same.figures["ODM"]["error_without"] > 0.01
+
+
 def test_dates_and_labels_are_kept(found: Backtest) -> None:
     returns = market()
     assert found.assets == tuple(returns.columns)

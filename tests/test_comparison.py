@@ -607,3 +607,14 @@ max_weight = 0.9
         file = Study.of(given).plan
         assert isinstance(file, ComparisonFile)
         assert compared_pairs(file).task(0).parameters.get("limits") == given.get("limits")
+
+
+def test_budgets_above_silence_are_named(market: tuple[MarkowitzProblem, Prior]) -> None:
+    makers = {"open": lambda *_: Behaviour(some_mechanism(*market, 3))}
+    settings = ComparisonSettings(budgets=(0.5, 25.0), repeats=(1,), draws=10)
+    found = compare(*market, settings, makers=makers, rng=np.random.default_rng(0))
+    said = [line for line in found.summary().splitlines() if line.startswith("Caution")]
+    assert said == [
+        "Caution: a budget of 2500% of the silence regret is more than a constant decision costs (25 per cent are written "
+        "silence:25%)."
+    ]

@@ -323,13 +323,14 @@ def _cost_figures(result: Backtest, record: Record) -> dict[str, float]:
     own = np.abs(record.decisions.optimal_cost)
     regret, expected = record.decisions.regret, record.expected_regret
     silence = result.silence_regret
+    is_free = silence <= tolerances.NO_REGRET * own.mean()  # where the beliefs are one belief, up to rounding
     return {
         "mean_regret": float(regret.mean()),
         "mean_regret_share": float(relative_increase(regret.sum(), own.sum())),
         "mean_expected_regret": float(expected.mean()),
         "mean_expected_regret_share": float(relative_increase(expected.sum(), own.sum())),
         "largest_regret": float(regret.max()),
-        "mean_regret_of_silence": float(regret.mean()) / silence if silence > 0 else float("nan"),
+        "mean_regret_of_silence": float("nan") if is_free else float(regret.mean()) / silence,
     }
 
 

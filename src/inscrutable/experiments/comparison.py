@@ -12,7 +12,8 @@ import pandas as pd
 from pydantic import Field, model_validator
 from threadpoolctl import threadpool_limits
 
-from inscrutable import validation
+from inscrutable import tolerances, validation
+from inscrutable.budgets import SilenceShare, remarks_of
 from inscrutable.decision_makers import Candidates
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
@@ -248,8 +249,17 @@ class Comparison(Saved):
             asked.meaning(without="decisions", state="state", cases="the cases"),
             self.sensor_summary(),
             self.rival_summary(),
+            *self._cautions(),
         ]
         return "\n".join(filter(None, lines))
+
+    def _cautions(self) -> list[str]:
+        """Return cautions about budgets above the silence regret."""
+        if not self.silence_regret > 0:
+            return []
+        shares = [budget / self.silence_regret for budget in self.budgets]
+        above = [SilenceShare(share) for share in shares if share > 1.0 + tolerances.NO_REGRET]
+        return [line for each in above for line in remarks_of(each)]
 
     def sensor_summary(self) -> str:
         """Return how well the sensor can be estimated from decisions, at the middle budget, as text."""

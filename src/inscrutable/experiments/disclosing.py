@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from inscrutable import validation
+from inscrutable import tolerances, validation
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Disclosure, Mechanism, MechanismRule
@@ -119,10 +119,12 @@ class DisclosureTable(Summarised, Saved):
         return pd.DataFrame(cells, index=pd.Index([row.disclosure for row in self.rows], name="shown"))
 
     def _share(self, row: DisclosureRow) -> float:
-        return row.error / self.prior_error if self.prior_error > 0 else float("nan")
+        return row.error / self.prior_error if self.prior_error > tolerances.SAME_BELIEF else float("nan")
 
     def summary(self) -> str:
         """Return which disclosure hides the present belief best, and which least, as text."""
+        if self.prior_error <= tolerances.SAME_BELIEF:
+            return "Nothing can be hidden: the belief never moves in this market, so the prior determines it."
         least, most = (pick(self.rows, key=lambda row: row.error) for pick in (min, max))
         same = "decisions are made for each" if self.is_made_for_each else "the decisions are the same"
         spent = round(self.expected_regret, _DIGITS) + 0.0

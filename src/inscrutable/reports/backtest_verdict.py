@@ -406,7 +406,7 @@ def _poor_estimates(result: Backtest) -> tuple[set[str], str]:
         return set(), ""
     figures = result.figures
     here, there = figures[result.names[0]]["error_without"], result.aware.prior.error
-    if here > _ANOTHER_LAW * there:
+    if here > max(_ANOTHER_LAW * there, tolerances.SAME_BELIEF):
         return set(result.names), (
             "The aware observer expects the belief's long-run law in the fitted regimes, and these beliefs follow another: "
             f"without weights it errs by {here:.2f} instead of {there:.2f}. One who knows their law may read them."

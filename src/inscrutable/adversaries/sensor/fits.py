@@ -153,16 +153,21 @@ def _status(
         return SensorStatus.TOO_FEW_SYMBOLS
     if excess > _EXCESS:
         return SensorStatus.INCONSISTENT
-    if noise > tolerances.EXACT_BELIEFS and (_doubtful(steps, groups) > _DOUBTFUL or _drowned(steps, noise)):
+    if is_overlapping(steps, groups.columns, noise):
         return SensorStatus.OVERLAPPING
     return SensorStatus.IDENTIFIED if scales.is_determined else SensorStatus.SCALES_BY_FREQUENCY
 
 
-def _doubtful(steps: FilterSteps, groups: Groups) -> float:
+def is_overlapping(steps: FilterSteps, columns: Array, noise: float) -> bool:
+    """Whether the noise is too large to tell the symbols of columns (Y,X) apart."""
+    return noise > tolerances.EXACT_BELIEFS and (_doubtful(steps, columns) > _DOUBTFUL or _drowned(steps, noise))
+
+
+def _doubtful(steps: FilterSteps, columns: Array) -> float:
     """Return the share of steps that another symbol explains nearly as well."""
-    if len(groups.columns) < 2:
+    if len(columns) < 2:
         return 0.0
-    least, second = np.sort(steps.misses(groups.columns), axis=1)[:, :2].T
+    least, second = np.sort(steps.misses(columns), axis=1)[:, :2].T
     return float(np.mean(second <= _SEPARATED * least + tolerances.REACHED_BELIEF))
 
 

@@ -111,8 +111,10 @@ class EstimatedWorld(_Answer):
         symbols: The symbol of each step from a belief to the next, shape (T−1,); −1 where none explains the step.
         residual: Largest Euclidean distance of a belief from the filter's update of the belief before it.
         status: Whether the data determine the world; `SCALES_BY_FREQUENCY` concerns the sensor alone.
-        transition_intervals: 95 % bootstrap intervals, shape (X,X,2); of zero width without a bootstrap.
-        sensor_intervals: The same of the sensor, (X,Y,2), which frequencies give in any case.
+        transition_intervals: 95 % intervals, shape (X,X,2), by bootstrap, else by the curvature of the joint fit; of zero width
+            where beliefs are exact. In 72 fits of drawn worlds with errors of 1e-9 to 1e-3 those by curvature hold .74 to .95
+            of the true entries: successive steps share a belief and its error.
+        sensor_intervals: The same of the sensor, (X,Y,2), .69 to .92; for exact beliefs those of the symbols' frequencies.
 
     Source: Mattila, Rojas, Krishnamurthy, Wahlberg, Inverse Filtering for Hidden Markov Models with Applications to
     Counter-Adversarial Autonomous Systems, IEEE Transactions on Signal Processing 68 (2020).

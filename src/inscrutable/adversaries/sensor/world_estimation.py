@@ -6,9 +6,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.adversaries.sensor.fits import SensorFit, fitted, nothing_known, regrouped, spanned
+from inscrutable.adversaries.sensor.fits import (
+    QUANTILE,
+    SensorFit,
+    fitted,
+    is_overlapping,
+    nothing_known,
+    regrouped,
+    spanned,
+)
 from inscrutable.adversaries.sensor.groups import Groups, without_outlying
-from inscrutable.adversaries.sensor.joint_fit import jointly
+from inscrutable.adversaries.sensor.joint_fit import JointFit, jointly, spreads
 from inscrutable.adversaries.sensor.results import EstimatedWorld, SensorStatus
 from inscrutable.adversaries.sensor.steps import FilterSteps, filter_steps, seen_beliefs
 from inscrutable.adversaries.sensor.transitions import of_symbols, proposed, steps_needed
@@ -20,6 +28,14 @@ from inscrutable.worlds.observations import symbols as checked_symbols
 
 _SEED = 0
 """Seed of the random small sets of steps: equal beliefs give equal results."""
+
+_EVEN = 0.5
+"""Share of a uniform transition in the second start of the joint fit, whose sensor has the symbols' frequencies in every state.
+Of 48 drawn worlds with errors of 1e-9 to 1e-3 the joint fit is as good as from the true world in 28 from the separate fits
+alone, in 44 from this start, and in 30 where its transition is the fitted one."""
+
+_AS_GOOD = 1.2
+"""Squared error of the joint fit, over that without sums, up to which a filter explains the beliefs."""
 
 _ROUNDS = 5
 """Rounds of grouping steps and fitting transition and sensor to them."""
@@ -43,7 +59,8 @@ def estimate_world(
         n_symbols: Y, at least 1.
         symbols: The agent's observation at each step, 0 to Y−1, where known: T−1 of them, or T, of which the first is not used.
             None: the steps are clustered by symbol.
-        n_bootstrap: Number of bootstrap resamples of the steps for the intervals; 0: transition intervals have zero width.
+        n_bootstrap: Number of bootstrap resamples of the steps for the intervals; 0: by the curvature of the fit, and of zero
+            width for the transition of exact beliefs, or where no joint fit is as good.
         rng: Source of the resamples, required if `n_bootstrap` is positive.
 
     Returns:
@@ -82,17 +99,68 @@ def estimate_world(
     transition, fit, numbers = guess
     found = np.full(len(held) - 1, -1)
     found[numbers] = fit.groups.symbols
-    sensor, limits = fit.probabilities, fit.intervals
+    sensor, limits, status = fit.probabilities, fit.intervals, fit.status
     chain_limits = np.stack([transition, transition], axis=2)
+    whole = _whole(held, found, transition, fit, count)
+    if whole is not None:
+        transition, sensor = whole.transition, whole.columns.T
+        chain_limits, limits = _curved(whole)
+        status = _judged(held, whole, fit)
+    residual = _residual(held, found, transition, sensor)
+    if (found < 0).any():
+        residual = max(residual, fit.residual)
     if source is not None:
-        chain_limits, limits = _bootstrapped(held, found, transition, fit, draws=draws, rng=source)
+        chain_limits, limits = _bootstrapped(held, found, transition, fit, whole, draws=draws, rng=source)
     if told is not None:
         order = _named(told, numbers, count)
         sensor, limits = sensor[:, order], limits[:, order]
         found[numbers] = np.where(fit.groups.symbols >= 0, told[numbers], -1)
     few = _are_few(len(held) - 1, held.shape[1], count, told)
-    status = SensorStatus.TOO_FEW_STEPS if few else fit.status
-    return EstimatedWorld(_world(transition, sensor, names), found, fit.residual, status, chain_limits, limits)
+    status = SensorStatus.TOO_FEW_STEPS if few else status
+    return EstimatedWorld(_world(transition, sensor, names), found, residual, status, chain_limits, limits)
+
+
+def _whole(held: Array, symbols: np.ndarray, transition: Array, fit: SensorFit, count: int) -> JointFit | None:
+    """Return the joint fit of transition and sensor to beliefs with errors; None where there is none as good as without sums.
+
+    The separate fits take the columns' scales from the transition as if it were exact, which its errors are multiplied in. With
+    more symbols than states the scales are free.
+    """
+    usual = fit.noise <= tolerances.EXACT_BELIEFS and fit.status is not SensorStatus.INCONSISTENT
+    if usual or fit.n_unseen or len(fit.groups.outlying) or not 1 < count <= held.shape[1]:
+        return None
+    steps = held[:-1], held[1:], symbols
+    free = jointly(*steps, transition, fit.groups.columns)
+    often = np.bincount(symbols[symbols >= 0], minlength=count) / np.count_nonzero(symbols >= 0)
+    flat = _EVEN / len(transition) + (1.0 - _EVEN) * transition, np.tile(often[:, None], len(transition))
+    starts = (transition, fit.probabilities.T), flat
+    best = min((jointly(*steps, *start, is_sensor=True) for start in starts), key=lambda each: each.loss)
+    return best if best.loss <= _AS_GOOD * free.loss else None
+
+
+def _judged(held: Array, found: JointFit, fit: SensorFit) -> SensorStatus:
+    """Return the status of a joint fit, which a filter that explains the beliefs is not inconsistent with."""
+    if fit.status is not SensorStatus.INCONSISTENT:
+        return fit.status
+    steps = filter_steps(held[:-1], held[1:], np.maximum(found.transition, tolerances.TINY))
+    overlap = is_overlapping(steps, found.columns, fit.noise)
+    return SensorStatus.OVERLAPPING if overlap else SensorStatus.IDENTIFIED
+
+
+def _curved(found: JointFit) -> tuple[Array, Array]:
+    """Return 95 % intervals of transition and sensor by the curvature of their fit."""
+    chain, sensor = spreads(found)
+    pairs = (found.transition, chain), (found.columns.T, sensor.T)
+    limits = [np.clip(np.stack([a - QUANTILE * b, a + QUANTILE * b], axis=2), 0.0, 1.0) for a, b in pairs]
+    return limits[0], limits[1]
+
+
+def _residual(held: Array, symbols: np.ndarray, transition: Array, sensor: Array) -> float:
+    """Return the largest distance of a belief from the filter's update of the belief before it, over steps with a symbol."""
+    used = symbols >= 0
+    joint = (held[:-1][used] @ transition) * sensor[:, symbols[used]].T
+    shown = joint / np.maximum(joint.sum(axis=1, keepdims=True), tolerances.TINY)
+    return float(np.linalg.norm(held[1:][used] - shown, axis=1).max(initial=0.0))
 
 
 def _told(symbols: ArrayLike, count: int, n_steps: int) -> np.ndarray:
@@ -149,7 +217,7 @@ def _refined(
         if told is None and fit.noise <= tolerances.EXACT_BELIEFS:
             whole, _ = of_symbols(before, held, symbols)
             chain = chain if whole is None else np.maximum(whole, 0.0)
-        chain, _ = jointly(before, held, symbols, chain, fit.groups.columns)
+        chain = jointly(before, held, symbols, chain, fit.groups.columns).transition
     return chain, fit, steps.numbers
 
 
@@ -197,17 +265,28 @@ def _are_few(n_steps: int, n_states: int, count: int, told: np.ndarray | None) -
 
 
 def _bootstrapped(
-    held: Array, symbols: np.ndarray, transition: Array, fit: SensorFit, *, draws: int, rng: np.random.Generator
+    held: Array,
+    symbols: np.ndarray,
+    transition: Array,
+    fit: SensorFit,
+    whole: JointFit | None,
+    *,
+    draws: int,
+    rng: np.random.Generator,
 ) -> tuple[Array, Array]:
     """95 % intervals of transition and sensor from resampled steps, which keep their symbols."""
     used = np.flatnonzero(symbols >= 0)
-    chains, sensors = [transition], [fit.probabilities]
+    chains, sensors = [transition], [fit.probabilities if whole is None else whole.columns.T]
     for _ in range(draws):
         some = rng.choice(used, len(used))
-        chain, columns = jointly(held[some], held[some + 1], symbols[some], transition, fit.groups.columns)
+        if whole is not None:
+            drawn = jointly(held[some], held[some + 1], symbols[some], transition, whole.columns, is_sensor=True)
+            chains.append(drawn.transition)
+            sensors.append(drawn.columns.T)
+            continue
+        chain, columns, *_ = jointly(held[some], held[some + 1], symbols[some], transition, fit.groups.columns)
         steps = filter_steps(held[some], held[some + 1], chain)
-        drawn = symbols[some][steps.numbers]
-        again = fitted(steps, None, regrouped(steps, drawn, columns))
+        again = fitted(steps, None, regrouped(steps, symbols[some][steps.numbers], columns))
         chains.append(chain)
         if again.probabilities.shape == fit.probabilities.shape:
             sensors.append(again.probabilities)

@@ -195,6 +195,35 @@ def test_fisher_information_of_probes_is_that_of_all_sequences_of_decisions() ->
     assert found.best == int(found.bounds[:, 0].argmin())
 
 
+def test_fisher_information_matches_decisions_by_what_they_are() -> None:
+    """A mechanism made for every world may list the same decisions in another order, and others that are never played."""
+
+    def listed(world: HiddenMarkovModel) -> Mechanism:
+        plain = on(reachable_beliefs(world, 3))
+        count, order = len(plain.beliefs), [2, 1, 0] if world.emission.probabilities[0, 0] > 0.75 else [0, 1, 2]
+        wide = np.column_stack([plain.probabilities, np.zeros(count)])[:, order]
+        return Mechanism(plain.beliefs, np.arange(3)[order], wide, np.zeros((count, 3)))
+
+    probe = np.array([0, 1, 0])
+    found = best_probe([probe], listed, ACCURACY, world=WORLD, parameters=[0.75])
+    total = 0.0
+    for actions in product(range(2), repeat=len(probe)):
+        low, middle, high = (
+            enumerated(ACCURACY(p).probabilities, np.array(actions), probe) for p in (0.7499, 0.75, 0.7501)
+        )
+        total += np.exp(middle) * ((high - low) / 2e-4) ** 2
+    assert found.information[0, 0, 0] == pytest.approx(total, rel=1e-4)
+
+
+def test_decisions_that_move_with_the_sensor_have_no_fisher_information() -> None:
+    def moving(world: HiddenMarkovModel) -> Mechanism:
+        beliefs = reachable_beliefs(world, 2)
+        return Mechanism(beliefs, beliefs, np.eye(len(beliefs)), np.zeros((len(beliefs), len(beliefs))))
+
+    with pytest.raises(InputError, match="change with the parameters"):
+        best_probe([[0, 1]], moving, ACCURACY, world=WORLD, parameters=[0.75])
+
+
 def test_the_best_probe_gives_the_estimates_that_scatter_least() -> None:
     rng = np.random.default_rng(1)
     probes = [np.zeros(80, dtype=int), np.tile([0, 1], 40)]

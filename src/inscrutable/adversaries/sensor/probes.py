@@ -10,17 +10,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
+from inscrutable.adversaries.decision_tables import DecisionTables
 from inscrutable.adversaries.sensor.calibration import KnownMechanism, mechanism_in, with_sensor
 from inscrutable.adversaries.sensor.calibration_results import ProbeRanking
 from inscrutable.adversaries.sensor.families import SensorFamily
 from inscrutable.adversaries.sensor.known_states import KnownStates, is_simple
 from inscrutable.errors import InputError
+from inscrutable.mechanisms import Mechanism
+from inscrutable.mechanisms.memory import with_memory
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 from inscrutable.worlds.observations import symbols
 
 _MOST_SUMMED = 4_096
 """Most sequences of decisions that are enumerated; beyond, they are sampled."""
+
+_MOST_LOST = 0.01
+"""Most probability of sequences that are impossible at an end of a difference; in a smooth family it is of the step's size."""
 
 
 def best_probe(
@@ -39,7 +45,8 @@ def best_probe(
 
     Args:
         probes: Sequences of states, each (T,), whole numbers from 0; lengths may differ.
-        mechanism: As in `calibrate_sensor`; it must depend on the present belief alone.
+        mechanism: As in `calibrate_sensor`; it must depend on the present belief alone. A function of a world may list
+            decisions in any order: they are matched by what they are.
         family: As in `calibrate_sensor`, of sensors that report symbols.
         world: The agent's world.
         parameters: θ at which the probes are compared, shape (K,), inside the family's bounds.
@@ -50,7 +57,8 @@ def best_probe(
         A `ProbeRanking`; the best probe has the least sum of variance bounds, each relative to its parameter's range.
 
     Raises:
-        InputError: A probe has states out of range, the mechanism has a memory, or `parameters` are not inside the bounds.
+        InputError: A probe has states out of range, the mechanism has a memory, `parameters` are not inside the bounds, or
+            what is played changes with them, so that decisions at them are impossible beside them.
 
     Cost: 2K+1 runs of the inverse filter with known states per probe, for all sequences of decisions at once.
 
@@ -78,10 +86,11 @@ def best_probe(
     steps = np.minimum(tolerances.SCORE_STEP * (high - low), 0.5 * np.minimum(point - low, high - point))
     places = [point, *(point + sign * steps * unit for unit in np.eye(len(point)) for sign in (-1.0, 1.0))]
     known = [_known(mechanism, with_sensor(world, sensors(*each))) for each in places]
+    numbers = [_numbers(known[0].mechanism, each.mechanism) for each in known]
     found, exact = [], True
     for path in paths:
         columns, is_all = _decisions(known[0], path, n_draws, rng)
-        logs = np.array([each.log_likelihoods(columns, path) for each in known])
+        logs = np.array([each.log_likelihoods(own[columns], path) for each, own in zip(known, numbers, strict=True)])
         chances = np.exp(logs[0]) if is_all else np.full(columns.shape[1], 1.0 / columns.shape[1])
         found.append(_information(logs, chances, steps))
         exact = exact and is_all
@@ -101,6 +110,15 @@ def _known(mechanism: KnownMechanism, world: HiddenMarkovModel) -> KnownStates:
     return KnownStates(world, plays)
 
 
+def _numbers(mechanism: Mechanism, other: Mechanism) -> np.ndarray:
+    """Return the numbers (M,) that a mechanism's decisions have in another one, by what they are."""
+    if other is mechanism:
+        return np.arange(len(mechanism.actions))
+    points = np.asarray(mechanism.actions, dtype=np.float64).reshape(len(mechanism.actions), -1)
+    tables = DecisionTables(with_memory(other))
+    return np.array([tables.column(point, nearest=False)[0] for point in points], dtype=np.intp)
+
+
 def _decisions(
     known: KnownStates, path: np.ndarray, n_draws: int, rng: np.random.Generator | None
 ) -> tuple[np.ndarray, bool]:
@@ -114,6 +132,12 @@ def _decisions(
 def _information(logs: Array, chances: Array, steps: Array) -> Array:
     """Return the mean outer product of the scores, from log-likelihoods (1+2K,D); impossible sequences have weight 0."""
     some = np.isfinite(logs).all(axis=0) & (chances > 0)
+    lost = chances[~some].sum()
+    if lost > _MOST_LOST:
+        raise InputError(
+            f"the decisions change with the parameters: {lost:.0%} of those at `parameters` are impossible at parameters "
+            "beside them, so that there is no Fisher information"
+        )
     slopes = (logs[2::2, some] - logs[1::2, some]) / (2.0 * steps[:, None])
     return np.asarray((slopes * chances[some]) @ slopes.T)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
 
 import numpy as np
@@ -35,11 +36,20 @@ def shares(belief: np.ndarray) -> np.ndarray:
     return np.stack([first, 1.0 - first], axis=-1)
 
 
-def on(beliefs: np.ndarray) -> Mechanism:
-    return Mechanism(beliefs, np.arange(2), shares(beliefs), np.zeros((len(beliefs), 2)))
+def five(belief: np.ndarray) -> np.ndarray:
+    """How often an agent plays five decisions, each near a belief of its own."""
+    found = np.exp(-40.0 * (belief[..., :1] - np.linspace(0, 1, 5)) ** 2)
+    return found / found.sum(axis=-1, keepdims=True)
 
 
-def sampled(accuracy: float, states: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def on(beliefs: np.ndarray, rule: Callable[[np.ndarray], np.ndarray] = shares) -> Mechanism:
+    played = rule(beliefs)
+    return Mechanism(beliefs, np.arange(played.shape[1]), played, 0.0 * played)
+
+
+def sampled(
+    accuracy: float, states: np.ndarray, rng: np.random.Generator, rule: Callable[[np.ndarray], np.ndarray] = shares
+) -> np.ndarray:
     """Decisions by Bayes' rule, written out."""
     sensor = np.array([[accuracy, 1 - accuracy], [1 - accuracy, accuracy]])
     predicted, played = WORLD.initial, []
@@ -47,7 +57,7 @@ def sampled(accuracy: float, states: np.ndarray, rng: np.random.Generator) -> np
         symbol = int(rng.random() < sensor[state, 1])
         belief = predicted * sensor[:, symbol]
         belief = belief / belief.sum()
-        played.append(int(rng.random() >= shares(belief)[0]))
+        played.append(int((rng.random() >= rule(belief)[:-1].cumsum()).sum()))
         predicted = TRANSITION.T @ belief
     return np.array(played)
 
@@ -143,6 +153,52 @@ def test_two_parameters_have_a_profile_each() -> None:
     assert (found.intervals[:, 0] < found.parameters).all()
     assert found.log_likelihoods.max(axis=1) == pytest.approx(found.log_likelihood, abs=1e-6)
     assert "95 % from" in str(found)
+
+
+def rows(a: float, b: float) -> CategoricalEmission:
+    """A sensor of two symbols; its likelihood stays the same where they change places: a, b to 1 - a, 1 - b."""
+    return CategoricalEmission([[a, 1 - a], [b, 1 - b]])
+
+
+def agreement(a: float, b: float) -> float:
+    """How often an agent that plays its belief names the state, where states are coins."""
+    return a**2 / (a + b) + (1 - a) ** 2 / (2 - a - b)
+
+
+def test_two_parameters_of_a_coin_are_as_likely_as_any_by_the_closed_form() -> None:
+    """At equal rows the likelihood has no slope, so that a search from there said that decisions tell nothing."""
+    coin = HiddenMarkovModel([[0.5, 0.5], [0.5, 0.5]], WORLD.emission)
+    open_book = Mechanism(GRID[::25], np.arange(2), GRID[::25], 0.0 * GRID[::25])
+    states = np.tile([0, 1], 20)
+    actions = np.where(np.arange(40) % 4 < 3, states, 1 - states)  # three of four are the state
+    found = calibrate_sensor(actions, states, open_book, SensorFamily.confusion(2, 2), world=coin)
+    share = agreement(*found.parameters)
+    assert found.log_likelihood == pytest.approx(30 * np.log(share) + 10 * np.log(1 - share), abs=1e-9)
+    assert share == pytest.approx(0.75, abs=1e-3)
+    assert found.status is LikelihoodStatus.WEAK  # a curve of sensors has this share
+
+
+def test_two_parameters_are_as_likely_as_any_by_the_sum_over_all_paths(fresh_rng: np.random.Generator) -> None:
+    values = np.linspace(0.01, 0.99, 15)
+    for _ in range(instances(6, least=1)):
+        states, actions = fresh_rng.integers(2, size=(2, 5))
+        found = calibrate_sensor(actions, states, lambda world: on(reachable_beliefs(world, 5)), rows, world=WORLD)
+        reached = enumerated(rows(*found.parameters).probabilities, actions, states)
+        assert found.log_likelihood == pytest.approx(reached, abs=1e-9)
+        best = max(enumerated(rows(a, b).probabilities, actions, states) for a, b in product(values, values))
+        assert reached >= best - 1e-9
+
+
+def test_sensors_that_name_the_symbols_in_another_order_are_several() -> None:
+    rng = np.random.default_rng(0)
+    states = rng.integers(2, size=60)
+    actions = sampled(0.75, states, rng, five)
+    twice = calibrate_sensor(actions, states, on(GRID[::10], five), rows, world=WORLD)
+    assert twice.status is LikelihoodStatus.SEVERAL
+    ordered = SensorFamily(rows, [[0.5, 0.999], [0.001, 0.5]], ["a", "b"])
+    once = calibrate_sensor(actions, states, on(GRID[::10], five), ordered, world=WORLD)
+    assert once.status is LikelihoodStatus.IDENTIFIED
+    assert twice.log_likelihood == pytest.approx(once.log_likelihood, abs=1e-5)
 
 
 def test_what_decisions_do_not_tell_is_said() -> None:

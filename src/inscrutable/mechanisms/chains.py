@@ -15,7 +15,7 @@ from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
 from inscrutable.mechanisms.drawing import RowDraws
 from inscrutable.mechanisms.played import Mechanism
-from inscrutable.mechanisms.priors import Prior, checked_prior, grid_visits, predicted
+from inscrutable.mechanisms.priors import STEPS_OF_LAW, Prior, checked_prior, grid_visits, predicted
 from inscrutable.mechanisms.public_cells import N_CELLS, PublicCells, cells_of, errors_of
 from inscrutable.saved import Summarised
 from inscrutable.validation import Array
@@ -197,7 +197,7 @@ def filtered_chain(
     resolution: int,
     *,
     rng: np.random.Generator,
-    n_steps: int = 100_000,
+    n_steps: int = STEPS_OF_LAW,
     cuts: ArrayLike | int | None = None,
 ) -> BeliefChain:
     """Return the Markov chain of a world's filtered belief, binned on the regular grid of beliefs.
@@ -327,7 +327,7 @@ def predicted_chain(
     resolution: int,
     *,
     rng: np.random.Generator,
-    n_steps: int = 100_000,
+    n_steps: int = STEPS_OF_LAW,
     cuts: ArrayLike | int | None = None,
 ) -> BeliefChain:
     """Return the Markov chain of the belief about the next state: `filtered_chain` one step ahead.

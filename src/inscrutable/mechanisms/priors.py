@@ -18,6 +18,9 @@ from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 from inscrutable.worlds.hidden_markov import stationary_law
 
+STEPS_OF_LAW = 100_000
+"""Steps of the simulated path by which a long-run law is found."""
+
 _COMMON = 0.01
 """Long-run share of a state that a simulated path must visit; a rarer one moves the mean of the beliefs by less."""
 
@@ -106,7 +109,7 @@ def uniform_prior(n_states: int, resolution: int) -> Prior:
 
 
 def filtered_prior(
-    world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int = 100_000
+    world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int = STEPS_OF_LAW
 ) -> Prior:
     """Return the long-run law of the filtered belief p(x_t | y_0..t), binned on the regular grid of beliefs.
 
@@ -146,7 +149,7 @@ stationary_prior = filtered_prior
 
 
 def predicted_prior(
-    world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int = 100_000
+    world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int = STEPS_OF_LAW
 ) -> Prior:
     """Return the long-run law of the belief about the next state, p(x_{t+1} | y_0..t), on the points of a moved grid.
 

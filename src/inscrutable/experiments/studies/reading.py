@@ -172,6 +172,7 @@ def _tag(section: dict[str, Any]) -> tuple[Any, ...]:
 def _check_together(study: StudyFile, source: StudySource) -> None:
     """Refuse parts that are well formed but do not fit together."""
     _check_size(study, source)
+    _check_listed_once(study, source)
     _check_followed(study, source)
     world = study.world
     if isinstance(study.problem, DispatchSection) and not isinstance(world, GivenWorld):
@@ -199,6 +200,16 @@ def _check_together(study: StudyFile, source: StudySource) -> None:
         assert choice.data is not None
         with source.saying(("problem",)), suppress(ModelError):  # contradictory limits are reported by the rows
             problem_of(choice.data, regimes)
+
+
+def _check_listed_once(study: StudyFile, source: StudySource) -> None:
+    """Raise `InputError` for a decision maker or an observer with equal options that is listed twice."""
+    for key in _BY_NAME:
+        listed = list(getattr(study, key))
+        for number, each in enumerate(listed):
+            if each in listed[:number]:
+                name = getattr(each, "name", each)
+                raise InputError(f'{source.at((key, number))}: "{name}" is listed twice with the same options')
 
 
 def _check_followed(study: StudyFile, source: StudySource) -> None:

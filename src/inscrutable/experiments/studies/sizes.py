@@ -10,6 +10,7 @@ from inscrutable.experiments.sections import PlanFile
 from inscrutable.experiments.studies.grid import StudyGrid
 from inscrutable.experiments.studies.layout import GivenWorld, RandomWorld, StudyFile
 from inscrutable.experiments.toml_lines import Place
+from inscrutable.mechanisms.priors import STEPS_OF_LAW
 
 MOST_NUMBERS = 2**27
 """Numbers in one table, a gigabyte: several such tables stand side by side while a task is done."""
@@ -113,7 +114,7 @@ def _laws(study: StudyFile, regimes: int, assets: int) -> Iterator[Demand]:
     steps = getattr(study.beliefs, "steps", ())
     for each in steps:
         yield Demand(("beliefs", "steps"), each, "a path of observations", lambda n: float(n) * (regimes + assets))
-    if study.beliefs.kind != "grid":  # of a simulated path no more points can be met than it has steps
+    if study.beliefs.kind == "path":  # no more points can be met than it has steps
         return
     grids = study.candidates.resolution
     candidates = points(regimes, max(grids)) if grids and "decoys" in study.candidates.kind else _CANDIDATES
@@ -121,11 +122,16 @@ def _laws(study: StudyFile, regimes: int, assets: int) -> Iterator[Demand]:
     beside, table = (
         (candidates, "chances of every candidate") if mixes else (_EACH, "decisions with what explains them")
     )
+    is_met = study.beliefs.kind == "stationary"  # by a path, whose beliefs join the candidates
+
+    def numbers(resolution: int) -> float:
+        count = points(regimes, resolution)
+        met = min(count, float(STEPS_OF_LAW)) if is_met else count
+        return met * (beside + (met if is_met and mixes else 0.0))
+
     for resolution in study.beliefs.resolution:
         place = ("beliefs", "resolution")
-        yield Demand(
-            place, resolution, f"{table} under every belief of the grid", lambda r: points(regimes, r) * beside
-        )
+        yield Demand(place, resolution, f"{table} under every belief of the grid", numbers)
 
 
 def _fewest_beliefs(study: StudyFile, regimes: int) -> float:

@@ -109,11 +109,11 @@ class DisclosureTable(Summarised, Saved):
         )
 
     def lines(self) -> pd.DataFrame:
-        """Return the same as text."""
+        """Return the same as text, with standard errors."""
         cells = {
-            "bits a step": [f"{row.bits:.3f}" for row in self.rows],
-            f"in {self.n_steps} steps": [f"{row.total:.1f}" for row in self.rows],
-            "error": [f"{row.error:.3f}" for row in self.rows],
+            "bits a step": [f"{row.bits:.3f} ± {row.bits_se:.3f}" for row in self.rows],
+            f"in {self.n_steps} steps": [f"{row.total:.1f} ± {row.total_se:.1f}" for row in self.rows],
+            "error": [f"{row.error:.3f} ± {row.error_se:.3f}" for row in self.rows],
             "of the error without": [f"{self._share(row):.0%}" for row in self.rows],
         }
         return pd.DataFrame(cells, index=pd.Index([row.disclosure for row in self.rows], name="shown"))

@@ -158,6 +158,8 @@ def test_who_follows_all_that_is_public_takes_what_the_investor_read(runs: dict[
     reads = {name: each.investor.reads for name, each in runs.items()}
     wanted = {"fear": "fear", "private": "a private signal, or beliefs of its own"}
     assert reads == {name: wanted.get(name, "") for name in runs}
+    for name, each in runs.items():
+        assert ("one who knows how these move the belief may read more" in text_of(each)) == (name == "private")
     assert "which the investor reads, too" in text_of(runs["fear"])
     assert "which the investor reads, too" not in text_of(own)
     assert "all: error by following these returns and fear, no weights" in table_of(runs["fear"]).index

@@ -304,7 +304,18 @@ def _points(value: float, digits: int) -> str:
 
 def _holds(result: Backtest) -> str:
     """Return limits of the answer: other draws, and observers who see more than weights; empty without any."""
-    return " ".join([*_beyond_public(result), *_other_draws(result)])
+    return " ".join([*_beyond_public(result), *_of_other_law(result), *_other_draws(result)])
+
+
+def _of_other_law(result: Backtest) -> list[str]:
+    """Return a line where the beliefs rest on more than what the aware observer's law of them does."""
+    reads = result.investor.reads
+    if result.aware is None or not reads or (result.public is not None and result.public.number):
+        return []
+    return [
+        f"The aware observer's law of the belief is that of the fitted regimes, without {reads}: one who knows how these move "
+        "the belief may read more."
+    ]
 
 
 def _beyond_public(result: Backtest) -> list[str]:

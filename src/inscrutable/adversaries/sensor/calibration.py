@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize, minimize_scalar
-from scipy.stats import qmc
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.sensor.calibration_results import CalibratedSensor, LikelihoodStatus
@@ -235,6 +234,8 @@ def _maxima(bounded: Callable[[Array], float], family: SensorFamily, grids: Arra
             options={"xatol": tolerances.PARAMETER_PLACE * (high - low)[0]},
         )
         return [np.array([float(found.x)]) if -found.fun >= values[k] else grids[:, k]]
+    from scipy.stats import qmc  # slow to import
+
     uneven = qmc.Halton(len(family), scramble=False).fast_forward(1).random(_STARTS)  # its first point is a corner
     shares = np.vstack([np.outer([0.5, 0.3, 0.7], np.ones(len(family))), uneven])
     return [_climbed(bounded, start, family.bounds) for start in low + shares * (high - low)]

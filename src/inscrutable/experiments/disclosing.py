@@ -175,11 +175,11 @@ def under_disclosures(
         >>> book = Mechanism(np.eye(2), [0, 1], np.eye(2), 1 - np.eye(2))
         >>> found = under_disclosures(chain, book, ["exact", "delayed(1)", "every(3)"], rng=np.random.default_rng(0))
         >>> print(found.lines().to_string())
-                   bits a step in 24 steps  error of the error without
+                      bits a step in 24 steps          error of the error without
         shown
-        exact            0.469        11.8  0.000                   0%
-        delayed(1)       0.469        11.3  0.424                  60%
-        every(3)         0.267         6.6  0.398                  56%
+        exact       0.469 ± 0.000  11.8 ± 0.0  0.000 ± 0.000                   0%
+        delayed(1)  0.469 ± 0.000  11.3 ± 0.0  0.424 ± 0.000                  60%
+        every(3)    0.267 ± 0.000   6.6 ± 0.0  0.398 ± 0.000                  56%
     """
     asked = [Disclosure.of(each) for each in disclosures]
     if not asked or len(set(map(str, asked))) < len(asked):

@@ -31,7 +31,7 @@ def nearest_count(nearest: int) -> int:
 
 
 def near_enough(distances: Array) -> np.ndarray:
-    """Return which of the nearest played decisions, at ascending distances (k,), are as near as the first, up to `_FAR`."""
+    """Return which of the nearest decisions, at ascending distances (k,), are at most `_FAR` times as far as the first."""
     return np.asarray(distances <= _FAR * distances[0])
 
 

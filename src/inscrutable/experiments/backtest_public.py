@@ -105,6 +105,11 @@ class BesideWeights:
     followed: Mapping[str, Array]
     number: str = ""
 
+    @property
+    def these(self) -> str:
+        """What `everything` follows, in words."""
+        return f"these returns and {self.number}" if self.number else "these returns"
+
     def figures(self, name: str, beliefs: Array) -> dict[str, float]:
         """Return the errors of these estimates; NaN where there is none."""
         unknown = np.full(beliefs.shape, np.nan)

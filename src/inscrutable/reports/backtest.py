@@ -189,7 +189,7 @@ def _worth_rows(result: Backtest) -> list[_Row]:
 def _public_rows(result: Backtest) -> list[_Row]:
     if result.public is None:
         return []
-    followed = f"these returns and {result.public.number}" if result.public.number else "all these returns"
+    followed = result.public.these if result.public.number else "all these returns"
     everything = _Row("error_all_returns", f"all: error by following {followed}, no weights", style=".3f")
     if result.public.without is None:
         return [everything]
@@ -218,14 +218,13 @@ def _all_public(result: Backtest) -> str:
     """Return the row of the error of an observer who follows all that is public, without weights."""
     public, error = result.public, result.figures[result.names[0]]["error_all_returns"]
     assert public is not None
-    these = f"these returns and {public.number}" if public.number else "these returns"
     if error <= tolerances.SAME_BELIEF:
         return (
-            f"All: {these} are public, and the belief comes from them alone: an observer who follows them with this model "
-            "needs no weights, and nothing can be hidden from it."
+            f"All: {public.these} are public, and the belief comes from them alone: an observer who follows them with this "
+            "model needs no weights, and nothing can be hidden from it."
         )
     return (
-        f"All: {these} are public; an observer who follows them with this model and sees no weights errs by "
+        f"All: {public.these} are public; an observer who follows them with this model and sees no weights errs by "
         f"{error:.3f}, because the investor has information of its own."
     )
 

@@ -322,10 +322,9 @@ def _beyond_public(result: Backtest) -> list[str]:
     """Return a line if public returns alone reveal the belief."""
     if result.public is None or result.figures[result.names[0]]["error_all_returns"] > tolerances.SAME_BELIEF:
         return []
-    these = f"these returns and {result.public.number}" if result.public.number else "these returns"
     return [
-        f"This holds for observers who see the weights alone: {these} are public, and an observer who follows all of them "
-        "with this model knows the belief without any weights."
+        f"This holds for observers who see the weights alone: {result.public.these} are public, and an observer who follows "
+        "all of them with this model knows the belief without any weights."
     ]
 
 

@@ -35,7 +35,8 @@ Of 48 drawn worlds with errors of 1e-9 to 1e-3 the joint fit is as good as from 
 alone, in 44 from this start, and in 30 where its transition is the fitted one."""
 
 _AS_GOOD = 1.2
-"""Squared error of the joint fit, over that without sums, up to which a filter explains the beliefs."""
+"""Squared error of the joint fit, over that without sums, up to which a filter explains the beliefs. Of 27 drawn worlds with
+errors none has more than 1.008; six sets of beliefs that no filter makes have .97 to 1.28, and their noise is named."""
 
 _ROUNDS = 5
 """Rounds of grouping steps and fitting transition and sensor to them."""
@@ -123,8 +124,8 @@ def estimate_world(
 def _whole(held: Array, symbols: np.ndarray, transition: Array, fit: SensorFit, count: int) -> JointFit | None:
     """Return the joint fit of transition and sensor to beliefs with errors; None where there is none as good as without sums.
 
-    The separate fits take the columns' scales from the transition as if it were exact, which its errors are multiplied in. With
-    more symbols than states the scales are free.
+    The separate fits take the columns' scales from the transition as if that were exact, and multiply its errors. With more
+    symbols than states the scales are free.
     """
     usual = fit.noise <= tolerances.EXACT_BELIEFS and fit.status is not SensorStatus.INCONSISTENT
     if usual or fit.n_unseen or len(fit.groups.outlying) or not 1 < count <= held.shape[1]:
@@ -139,7 +140,7 @@ def _whole(held: Array, symbols: np.ndarray, transition: Array, fit: SensorFit, 
 
 
 def _judged(held: Array, found: JointFit, fit: SensorFit) -> SensorStatus:
-    """Return the status of a joint fit, which a filter that explains the beliefs is not inconsistent with."""
+    """Return the status of a joint fit: where it explains the beliefs, they are not inconsistent."""
     if fit.status is not SensorStatus.INCONSISTENT:
         return fit.status
     steps = filter_steps(held[:-1], held[1:], np.maximum(found.transition, tolerances.TINY))

@@ -40,8 +40,11 @@ from inscrutable.cli_values import (
     Whole,
     belief_of,
     beside_of,
+    blaming,
     budget_of,
+    disclosure_of,
     measure_of,
+    one_column,
     writable_folder,
 )
 from inscrutable.cli_views import views
@@ -243,7 +246,7 @@ def backtest(
         seed,
         covariance,
         sequential,
-        disclosure,
+        disclosure_of(disclosure),
         own,
         None if rival is None else read_rival(rival),
     )
@@ -318,13 +321,9 @@ def _first(*values: float | None) -> float:
 
 
 def _riskless(path: Path) -> pd.Series:
-    from inscrutable.datasets import read_signals
     from inscrutable.datasets.suspicious import MOST_RISKLESS
 
-    table = read_signals(path)
-    if table.shape[1] != 1:
-        raise UsageError(f"--riskless {path}: it has {table.shape[1]} columns of numbers, expected one")
-    rates = table.iloc[:, 0]
+    rates = one_column(path)
     if (rates.abs() > MOST_RISKLESS).any():
         raise InputError(
             f"{path}: a riskless return of {rates.abs().max():g} on {rates.abs().idxmax():%Y-%m-%d}; expected fractions per "
@@ -550,7 +549,7 @@ def _check_values(tokens: Sequence[str]) -> None:
 def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
     try:
         _check_values(tokens)
-        with library_log(quiet="-q" in tokens or "--quiet" in tokens):
+        with blaming(tokens), library_log(quiet="-q" in tokens or "--quiet" in tokens):
             code = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()
     except CycloptsError as error:

@@ -11,7 +11,17 @@ from cyclopts import Parameter
 
 from inscrutable.cli_console import SEED_KNOWN, Speech, replaced, results, show_table
 from inscrutable.cli_limits import Held, region_of
-from inscrutable.cli_values import DATA, INVESTOR, PRIVACY, UsageError, Whole, budget_of, check_labels, covariance_of
+from inscrutable.cli_values import (
+    ABOVE_0,
+    DATA,
+    INVESTOR,
+    PRIVACY,
+    UsageError,
+    Whole,
+    budget_of,
+    check_labels,
+    covariance_of,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -62,7 +72,7 @@ class AlphaOptions:
     risk_aversion: Annotated[float | None, Parameter(group=INVESTOR)] = None
     loadings: Annotated[Path | None, Parameter(group=DATA)] = None
     held: Annotated[Held | None, Parameter(group=INVESTOR)] = None
-    cap: Annotated[float | None, Parameter(group=INVESTOR)] = None
+    cap: Annotated[float | None, Parameter(group=INVESTOR), ABOVE_0] = None
     trading_cost: Annotated[float | None, Parameter(group=INVESTOR)] = None
     objective: Annotated[Literal["information", "error"], Parameter(group=PRIVACY)] = "information"
 

@@ -11,7 +11,18 @@ from cyclopts import Parameter
 from inscrutable.cli_console import Speech, replaced, show_table, write_report
 from inscrutable.cli_limits import WeightOptions
 from inscrutable.cli_study import AGAIN, STUDY, resumable, was_told
-from inscrutable.cli_values import DATA, PRIVACY, Out, Seed, Whole, budgets_of, whole_numbers_of, writable_folder
+from inscrutable.cli_values import (
+    DATA,
+    PRIVACY,
+    Out,
+    Seed,
+    Whole,
+    budgets_of,
+    disclosure_of,
+    saying,
+    whole_numbers_of,
+    writable_folder,
+)
 
 
 def compare(
@@ -42,7 +53,7 @@ def compare(
         resolution: Beliefs are multiples of 1/resolution, predicted one step ahead; 30 gives up to 496 for three regimes.
         rival: TOML file whose [problem] is a rival's decision problem; adds the worth of the belief and of decisions to that
             rival.
-        budgets: Expected regrets, ascending: 0.05,0.1 are shares of |c*|, the size of the optimal cost; silence:0.25,0.5,1 are
+        budgets: Expected regrets: 0.05,0.1 are shares of |c*|, the size of the optimal cost; silence:0.25,0.5,1 are
             shares of the silence regret, which is that of the best constant decision; regret:0.001,0.002 are in the cost's
             unit.
         makers: The decision makers to compare, by the table's names, such as CDM,PDM,rate-distortion. Default: all.
@@ -66,10 +77,12 @@ def compare(
 
     seen = () if pairs is None else whole_numbers_of(pairs, "--pairs")
     wanted = None if rival is None else read_rival(rival)
-    settings = ComparisonSettings(budgets=shares, unit=unit, disclosure=disclosure, pairs=seen, rival=wanted)
+    with saying("--makers"):
+        named = None if makers is None else makers_named(makers)
+    shown: dict[str, Any] = {"disclosure": disclosure_of(disclosure), "pairs": seen, "rival": wanted}
+    settings = ComparisonSettings(budgets=shares, unit=unit, **shown)
     folder = writable_folder(out, "compare")
     speech.detail(f"Settings: {settings}")
-    named = None if makers is None else makers_named(makers)
     market_of: dict[str, Any] = {"market": market, "resolution": resolution, "seed": seed, "limits": limits.part()}
     asked = comparison_study(settings, named, **market_of)
     with resumable(folder / STUDY, AGAIN):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from inscrutable.cli_console import Speech, replaced, show_table
-from inscrutable.cli_values import DATA, PRIVACY, Out, Seed, Whole, writable_folder
+from inscrutable.cli_values import DATA, PRIVACY, Out, Seed, Whole, disclosure_of, writable_folder
 
 if TYPE_CHECKING:
     from inscrutable.decision_makers import SequentialDecisionMaker
@@ -55,11 +55,12 @@ def disclose(
 
     from inscrutable.experiments.comparison import SPENDS_NOTHING, makers_of
     from inscrutable.experiments.comparison_markets import market_of
-    from inscrutable.experiments.disclosing import USUAL, under_disclosures
+    from inscrutable.experiments.disclosing import USUAL, under_disclosures, whole_ones
     from inscrutable.experiments.setting import Setting
     from inscrutable.reports.disclosing import summary_data, write_disclosures
 
-    asked = USUAL if disclosures is None else tuple(part.strip() for part in disclosures.split(";"))
+    written = () if disclosures is None else disclosures.split(";")
+    asked = tuple(disclosure_of(part.strip(), "--disclosures") for part in written) or USUAL
     folder = writable_folder(out, "disclose")
     found = market_of(market, resolution, seed)
     setting = Setting.of(found.problem, found.chain)
@@ -82,13 +83,15 @@ def disclose(
             progress=move,
         )
     title = f"{rule} on {found.note}"
+    points = setting.candidates.actions if isinstance(played, partial) else played.actions
+    cautions = whole_ones(asked, np.asarray(points))
     files = replaced(folder, "disclose", partial(write_disclosures, table, title=title), speech)
     if speech.json:
-        speech.summary(summary_data(table, title))
+        speech.summary(summary_data(table, title) | {"cautions": cautions})
         return
     show_table(table.lines(), f"Error of the aware observer about the present belief ({title})")
     speech.files(files)
-    speech.sentence(f"\n{table.summary()}")
+    speech.sentence("\n".join(["", table.summary(), *cautions]))
 
 
 def _sequential(setting: Setting, regret: float, seed: int, disclosure: Disclosure) -> SequentialDecisionMaker:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter, Token, validators
+
+from inscrutable.errors import DiskError, InputError, ModelError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,26 +31,69 @@ class UsageError(Exception):
     """Wrong usage of the command line: an option is malformed, missing or contradicts another."""
 
 
-def budget_of(text: str, speech: Speech | None = None, option: str = "--budget") -> Budget | SilenceShare:
-    """Return the budget of "0.1", "10%", "5bp", "regret:0.002" or "silence:0.5"; an unusual value gives a warning."""
-    from inscrutable.budgets import is_budget, written_budget
-    from inscrutable.errors import InputError
+_ARGUMENT = re.compile(r"(?:study, key |.*, key constraints: )?(?:n_)?([a-z]\w*)(?:\.[\w-]+)*(?=[: ])")
+"""An argument's name, with which the library's messages about it begin; a section may stand before it."""
 
+
+@contextmanager
+def blaming(tokens: Sequence[str]) -> Iterator[None]:
+    """Turn an error about an argument into wrong usage of the option that gave it, or name the file that the option gave."""
     try:
-        found = written_budget(text)
-    except InputError as error:
-        if is_budget(text):
+        yield
+    except (InputError, ModelError) as error:
+        said = f"{error}"
+        begun = _ARGUMENT.match(said)
+        option = "" if begun is None else f"--{begun[1].replace('_', '-')}"
+        value = _given_to(option, tokens)
+        if isinstance(error, DiskError) or begun is None or value is None:
             raise
+        if Path(value).is_file():
+            raise (error if value in said else type(error)(f"{value}: {said}")) from None
+        if isinstance(error, ModelError):
+            raise
+        raise UsageError(f"{option}{said[begun.end() :]}") from None
+
+
+@contextmanager
+def saying(option: str) -> Iterator[None]:
+    """Turn an error about an option's value into wrong usage that names the option."""
+    try:
+        yield
+    except InputError as error:
         raise UsageError(f"{option}: {error}") from None
+
+
+def disclosure_of(text: str, option: str = "--disclosure") -> str:
+    """Return the text of a disclosure, checked."""
+    from inscrutable.mechanisms import Disclosure
+
+    with saying(f"{option} {text}"):
+        return str(Disclosure.of(text))
+
+
+def _given_to(option: str, tokens: Sequence[str]) -> str | None:
+    """Return the last value that was given to an option; None where there is none."""
+    found = None
+    for token, after in zip(tokens, [*tokens[1:], ""], strict=True):
+        name, equals, value = token.partition("=")
+        if name == option:
+            found = value if equals else after
+    return found
+
+
+def budget_of(text: str, speech: Speech | None = None) -> Budget | SilenceShare:
+    """Return the budget of "0.1", "10%", "5bp", "regret:0.002" or "silence:0.5"; an unusual value gives a warning."""
+    from inscrutable.budgets import written_budget
+
+    found = written_budget(text)
     if speech is not None and found.remark:
-        speech.log(f"{option} {text}: {found.remark}")
+        speech.log(f"--budget {text}: {found.remark}")
     return found
 
 
 def budgets_of(text: str) -> tuple[Any, tuple[float, ...]]:
-    """Return the unit and the numbers of "0.05,0.1" (shares of |c*|), "silence:0.5,1" or "regret:0.002"."""
+    """Return the unit and the rising numbers of "0.05,0.1" (shares of |c*|), "silence:0.5,1" or "regret:0.002"."""
     from inscrutable.budgets import Budget, written_budget
-    from inscrutable.errors import InputError
 
     kind, separator, amounts = text.rpartition(":")
     try:
@@ -58,7 +106,7 @@ def budgets_of(text: str) -> tuple[Any, tuple[float, ...]]:
     units = {"silence" if not isinstance(each, Budget) else "cost" if each.is_relative else "regret" for each in found}
     if len(units) > 1:
         raise UsageError(f"--budgets {text}: expected one unit for all, got {' and '.join(sorted(units))}")
-    return units.pop(), tuple(each.amount if isinstance(each, Budget) else each.share for each in found)
+    return units.pop(), tuple(sorted(each.amount if isinstance(each, Budget) else each.share for each in found))
 
 
 def amount_of(text: str, option: str) -> float:
@@ -72,7 +120,6 @@ def covariance_of(path: Path) -> pd.DataFrame:
 
     from inscrutable import tolerances, validation
     from inscrutable.datasets import read_labelled_matrix
-    from inscrutable.errors import InputError
 
     table = read_labelled_matrix(path, is_square=True)
     values = table.to_numpy()
@@ -99,7 +146,6 @@ def covariance_of(path: Path) -> pd.DataFrame:
 def check_labels(path: Path, labels: Sequence[str], other: Path, expected: Sequence[str]) -> None:
     """Raise `InputError` where two files have other labels, in whichever of them a label is misspelt."""
     from inscrutable.axes import few
-    from inscrutable.errors import InputError
 
     mine, theirs = (sorted(set(a) - set(b)) for a, b in ((labels, expected), (expected, labels)))
     if mine or theirs:
@@ -125,6 +171,16 @@ def whole_numbers_of(text: str, option: str) -> tuple[int, ...]:
         raise UsageError(f"{option} {text}: expected whole numbers such as 1,10,100") from None
 
 
+def one_column(path: Path) -> pd.Series:
+    """Return the numbers of a file of dates and one column."""
+    from inscrutable.datasets import read_signals
+
+    table = read_signals(path)
+    if table.shape[1] != 1:
+        raise InputError(f"{path} has {table.shape[1]} columns of numbers, expected one")
+    return table.iloc[:, 0]
+
+
 def beside_of(public: str, private: Path | None, returns: pd.DataFrame, *, embedded: bool) -> BesideReturns:
     """Return the observations of "none", "market", "all", a column or a file, with a private signal's file."""
     from inscrutable.datasets import load_industry_returns, read_signals
@@ -136,10 +192,7 @@ def beside_of(public: str, private: Path | None, returns: pd.DataFrame, *, embed
             raise UsageError(
                 f"--public {public}: expected none, market, all, a file, or one of the columns {', '.join(returns.columns)}"
             )
-        table = read_signals(public)
-        if table.shape[1] != 1:
-            raise UsageError(f"--public {public}: it has {table.shape[1]} columns of numbers, expected one")
-        read = table.iloc[:, 0]
+        read = one_column(Path(public))
     market = load_industry_returns().market if embedded and public == MARKET else None
     return BesideReturns(read, market, None if private is None else read_signals(private))
 
@@ -152,6 +205,7 @@ DATA, WORK, INVESTOR, PRIVACY, OUTPUT = (
 
 Whole = Annotated[int, Parameter(converter=whole_number)]
 AT_LEAST_0 = Parameter(validator=validators.Number(gte=0))
+ABOVE_0 = Parameter(validator=validators.Number(gt=0, lt=inf))
 Seed = Annotated[Whole, Parameter(group=OUTPUT), AT_LEAST_0]
 Out = Annotated[Path, Parameter(group=OUTPUT)]
 

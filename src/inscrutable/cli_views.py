@@ -11,6 +11,7 @@ from cyclopts import Parameter
 from inscrutable.cli_console import Speech, replaced, show_table
 from inscrutable.cli_limits import Held, region_of
 from inscrutable.cli_values import (
+    ABOVE_0,
     AT_LEAST_0,
     DATA,
     INVESTOR,
@@ -41,7 +42,7 @@ def views(
     factors: Annotated[Whole | None, Parameter(group=DATA), AT_LEAST_0] = None,
     risk_aversion: Annotated[float, Parameter(group=INVESTOR)],
     held: Annotated[Held, Parameter(group=INVESTOR)] = "anything",
-    cap: Annotated[float | None, Parameter(group=INVESTOR)] = None,
+    cap: Annotated[float | None, Parameter(group=INVESTOR), ABOVE_0] = None,
     regret: Annotated[str | None, Parameter(group=PRIVACY)] = None,
     digits: Annotated[Whole | None, Parameter(group=PRIVACY), AT_LEAST_0] = None,
     reference: Annotated[str | None, Parameter(group=PRIVACY)] = None,

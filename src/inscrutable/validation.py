@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,14 @@ Array = NDArray[np.float64]
 
 
 Axes = Sequence[Axis | None]
+
+_LARGE = 1e43  # numbers from which a size is no longer stated
+
+MOST_NUMBERS = 2**27
+"""Numbers in one table, a gigabyte: several such tables stand side by side during a computation."""
+
+MOST_PROCESSES = 1024
+"""More than the cores of one machine; every process also takes some hundred megabytes."""
 
 
 def real_array(value: Any, name: str, axes: Axes | None = None) -> Array:
@@ -205,10 +213,34 @@ def count(value: Any, name: str, *, least: int = 1) -> int:
     return int(value)
 
 
+def excess(value: int, table: str, size: Callable[[int], float], others: str = "other sizes") -> str:
+    """Return why a value needs a table of more than `MOST_NUMBERS` numbers, and which value fits; empty where it fits."""
+    taken = size(value)
+    if taken <= MOST_NUMBERS:
+        return ""
+    room = f"{taken:.3g} numbers, {8.0 * taken / 2.0**30:.3g} GB" if taken < _LARGE else "more than any machine"
+    low, high = 0, value
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if size(middle) <= MOST_NUMBERS else (low, middle)
+    advice = f"expected at most {low:,}" if low else f"no value of it fits: {others} have to be smaller"
+    return f"{value:,} is too large: {table} would take {room}, where {MOST_NUMBERS:,} fit; {advice}"
+
+
+def check_room(value: int, name: str, table: str, size: Callable[[int], float]) -> None:
+    """Raise `InputError` where a value needs a table that is larger than memory."""
+    said = excess(value, table, size)
+    if said:
+        raise InputError(f"{name} {said}")
+
+
 def processes(value: Any, name: str) -> int:
-    """Return `value` as a number of processes: at least 1, or -1 for one per core."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or (value < 1 and value != -1):
-        raise InputError(f"{name} must be a number of processes of at least 1, or -1 for one per core, got {value!r}")
+    """Return `value` as a number of processes: from 1 to `MOST_PROCESSES`, or -1 for one per core."""
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not whole or (value != -1 and not 1 <= value <= MOST_PROCESSES):
+        raise InputError(
+            f"{name} must be a number of processes from 1 to {MOST_PROCESSES:,}, or -1 for one per core, got {value!r}"
+        )
     return int(value)
 
 

@@ -15,7 +15,7 @@ from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import Joint, joint_law
 from inscrutable.validation import Array
 
-_LEAST_PAIRS = 10
+LEAST_PAIRS, MOST_PAIRS = 10, 10_000_000
 _TRIED_SHARE = 0.3
 """Share of the pairs (the last ones) on which learners are compared; the best one is then fitted to all pairs."""
 
@@ -61,8 +61,8 @@ class DataAdversary:
             raise InputError(
                 f"actions must be as many decisions as there are beliefs, {len(self._beliefs)}, got shape {given.shape}"
             )
-        if len(given) < _LEAST_PAIRS:
-            raise InputError(f"an observer of data needs at least {_LEAST_PAIRS} pairs, got {len(given)}")
+        if len(given) < LEAST_PAIRS:
+            raise InputError(f"an observer of data needs at least {LEAST_PAIRS} pairs, got {len(given)}")
         self._choices = np.unique(given) if given.ndim == 1 else None
         self._width = None if given.ndim == 1 else given.shape[1]
         self._points = self._read(given)
@@ -133,5 +133,7 @@ def sampled_pairs(
 ) -> tuple[Array, np.ndarray]:
     """Return beliefs (n,X) and decisions (n,U) drawn independently from their joint law."""
     count = validation.count(n_pairs, "n_pairs")
+    if count > MOST_PAIRS:
+        raise InputError(f"n_pairs must be at most {MOST_PAIRS:,}, got {count:,}")
     drawn = validation.generator(rng).choice(len(joint.mass), size=count, p=joint.mass / joint.mass.sum())
     return joint.beliefs[joint.row[drawn]], np.asarray(mechanism.actions)[joint.column[drawn]]

@@ -258,17 +258,17 @@ def _shares(reference: Any, weights: Array, problem: AlphaProblem) -> Array | No
             )
         return np.asarray(weights / total)
     found = np.zeros(weights.size)
-    found[_place(reference, problem.asset_names, weights.size)] = 1.0
+    found[_place(reference, problem.asset_names, weights.size, "reference: ")] = 1.0
     return found
 
 
-def _place(asset: Any, names: Names | None, n: int) -> int:
+def _place(asset: Any, names: Names | None, n: int, what: str = "") -> int:
     if names is not None and asset in names:
         return names.index(asset)
     if isinstance(asset, (int, np.integer)) and not isinstance(asset, bool) and 0 <= asset < n:
         return int(asset)
     known = f"one of the assets {few(names)}" if names is not None else f"a number from 0 to {n - 1}"
-    raise InputError(f'no asset is called {asset!r}; expected {known}, or as a reference "portfolio" or "mean"')
+    raise InputError(f'{what}no asset is called {asset!r}; expected {known}, or as a reference "portfolio" or "mean"')
 
 
 def _names(names: Names | None, n: int) -> list[str]:

@@ -246,7 +246,7 @@ def _fitted(values: Array, held: Array) -> GaussianEmission:
     means = shares.T @ values
     variances = (shares * (values[:, None] - means) ** 2).sum(axis=0)
     if not (variances > 0).all():
-        raise InputError("the public numbers do not vary in the training sample")
+        raise InputError("public does not vary in the training sample")
     return GaussianEmission(means[:, None], variances[:, None, None])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
@@ -21,7 +21,7 @@ from inscrutable.experiments.comparison_measures import ComparisonRow, learned_f
 from inscrutable.experiments.comparison_sensor import SENSOR_STEPS
 from inscrutable.experiments.holding import Reached, Requirement
 from inscrutable.experiments.makers import MAKERS, Maker, behave
-from inscrutable.experiments.observers import DisclosureText, Observed
+from inscrutable.experiments.observers import DisclosureText, Observed, Pairs
 from inscrutable.experiments.rivals import Rival, is_own, wanting
 from inscrutable.experiments.sections import Count, NonNegative, Rising, Section
 from inscrutable.experiments.setting import Behaviour, Setting
@@ -69,7 +69,7 @@ class ComparisonSettings(Section):
     unit: Literal["silence", "cost", "regret"] = "silence"
     repeats: Annotated[Rising[Count], Field(min_length=1)] = (1, 10, 100)
     draws: Annotated[int, Field(ge=10, le=1_000_000)] = 500
-    pairs: Rising[Annotated[int, Field(ge=10)]] = ()
+    pairs: Rising[Pairs] = ()
     disclosure: DisclosureText = "exact"
     rival: Rival | None = None
 
@@ -266,12 +266,10 @@ class Comparison(Saved):
         rows = [row for row in self.rows if row.budget in (0.0, self.middle_budget) and np.isfinite(row.sensor_error)]
         if not rows:
             return ""
-        least, most = min(rows, key=lambda row: row.sensor_error), max(rows, key=lambda row: row.sensor_error)
         kept = [row.maker for row in rows if row.sensor_error >= 1.0]
         told = (
-            f"The naive observer estimates the sensor from {SENSOR_STEPS} decisions with an error from "
-            f"{least.sensor_error:.2f} ({least.maker}) to {most.sensor_error:.2f} ({most.maker}) times the error without "
-            "decisions"
+            f"The naive observer estimates the sensor from {SENSOR_STEPS} decisions with an error "
+            f"{_range(rows, 'sensor_error', '{:.2f} ({})'.format, 'of ')} times the error without decisions"
         )
         return (
             f"{told}; {listed(kept)} {'hides' if len(kept) == 1 else 'hide'} it."
@@ -286,12 +284,13 @@ class Comparison(Saved):
             return ""
         if not self.secret_worth > 0:
             return "The belief is worth nothing to this rival, nor is any decision."
-        least, most = min(rows, key=lambda row: row.rival_worth), max(rows, key=lambda row: row.rival_worth)
+
+        def worth(amount: float, makers: str) -> str:
+            return f"{amount:.3g} ({makers}, {amount / self.secret_worth:.0%})"
+
         told = (
             f"The belief is worth {self.secret_worth:.3g} ({self.rival}) to the rival; one decision, at a regret of up to "
-            f"{self.middle_budget:.3g} for the agent, is worth from {least.rival_worth:.3g} ({least.maker}, "
-            f"{least.rival_worth / self.secret_worth:.0%}) to {most.rival_worth:.3g} ({most.maker}, "
-            f"{most.rival_worth / self.secret_worth:.0%})."
+            f"{self.middle_budget:.3g} for the agent, is worth {_range(rows, 'rival_worth', worth)}."
         )
         if self.rival_is_own:
             told += (
@@ -302,6 +301,14 @@ class Comparison(Saved):
 
     def __repr__(self) -> str:
         return f"{self.header()}\n{self.summary()}"
+
+
+def _range(rows: Sequence[ComparisonRow], figure: str, text: Callable[[float, str], str], if_one: str = "") -> str:
+    """Return the least and the largest figure with their makers, as `text` writes them; one text where all are equal."""
+    least, most = (pick(rows, key=lambda row: getattr(row, figure)) for pick in (min, max))
+    if least is most:
+        return if_one + text(getattr(least, figure), listed([row.maker for row in rows]))
+    return f"from {text(getattr(least, figure), least.maker)} to {text(getattr(most, figure), most.maker)}"
 
 
 def _short(observer: str) -> str:

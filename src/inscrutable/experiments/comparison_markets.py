@@ -15,7 +15,7 @@ from inscrutable.experiments.backtest import fitted_investor
 from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
 from inscrutable.experiments.own_model import LimitsPart, OwnModel, investor_of
 from inscrutable.experiments.random_markets import MarketLaw, random_market
-from inscrutable.geometry.grids import grid_size
+from inscrutable.geometry.grids import grid_size, resolution_for
 from inscrutable.mechanisms import Prior, uniform_prior
 from inscrutable.mechanisms.chains import BeliefChain, predicted_chain, resting_chain
 from inscrutable.problems import MarkowitzProblem
@@ -44,13 +44,18 @@ class ComparedMarket:
         return self.chain.prior
 
 
-def _few(count: int, resolution: int) -> None:
+def _few(count: int, resolution: int, n_states: int) -> None:
     """Raise `InputError` for more beliefs than can be compared."""
     if count > _MOST_BELIEFS:
         raise InputError(
-            f"resolution {resolution} gives {count:,} beliefs, more than the {_MOST_BELIEFS:,} that can be compared: take a "
-            "smaller one"
+            f"resolution {resolution:,} gives {count:,} beliefs over {n_states} regimes, more than the {_MOST_BELIEFS:,} that "
+            f"can be compared; {_fitting(n_states):,} always fits"
         )
+
+
+def _fitting(n_states: int) -> int:
+    """The largest resolution whose whole grid of beliefs can be compared."""
+    return resolution_for(n_states, int(_MOST_BELIEFS / 1.02))
 
 
 def _paper_market(resolution: int, seed: int, limits: LimitsPart) -> ComparedMarket:
@@ -64,7 +69,7 @@ def _paper_market(resolution: int, seed: int, limits: LimitsPart) -> ComparedMar
         means = pd.DataFrame(problem.means, columns=[f"asset{k}" for k in range(problem.means.shape[1])])
         region = limits.region(tuple(means.columns))
         problem = MarkowitzProblem(means, problem.covariances, problem.risk_aversion, region)
-    _few(grid_size(problem.n_states, resolution), resolution)
+    _few(grid_size(problem.n_states, resolution), resolution, problem.n_states)
     chain = resting_chain(uniform_prior(problem.n_states, resolution), _RESTS)
     return ComparedMarket(
         problem, chain, f"random market of three regimes and three assets, seed {seed}; uniform prior"
@@ -84,15 +89,16 @@ def _returns_market(resolution: int, seed: int, limits: LimitsPart) -> ComparedM
 def _model_market(path: Path, resolution: int, seed: int, limits: LimitsPart) -> ComparedMarket:
     """The investor of a model.json or model.toml, with the long-run law of its predicted belief."""
     model = investor_of(path, limits)
-    _refuse_turnover(model.turnover)
+    _refuse_turnover(model.turnover, f"{path}: ")
     chain = predicted_chain(model.world, resolution, rng=np.random.default_rng(seed))
     return ComparedMarket(model.problem, chain, f"{path.name}; stationary prior of the predicted belief")
 
 
-def _refuse_turnover(turnover: float | None) -> None:
+def _refuse_turnover(turnover: float | None, where: str = "") -> None:
     if turnover is not None:
         raise InputError(
-            "a comparison is made on one problem, which a limit on turnover changes at every decision: leave turnover out"
+            f"{where}turnover that is limited changes the problem at every decision, and a comparison is made on one: leave "
+            "turnover out"
         )
 
 
@@ -119,7 +125,10 @@ def market_of(
         496
     """
     if validation.count(resolution, "resolution") >= _MOST_BELIEFS:
-        _few(resolution + 1, resolution)  # the number for two states; more states have at least as many
+        raise InputError(
+            f"resolution {resolution:,} gives more than the {_MOST_BELIEFS:,} beliefs that can be compared, even over two "
+            f"regimes; over three {_fitting(3):,} always fits"
+        )
     _refuse_turnover(limits.turnover)
     if name == PAPER:
         return _paper_market(resolution, seed, limits)
@@ -127,5 +136,5 @@ def market_of(
         found = _returns_market(resolution, seed, limits)
     else:
         found = _model_market(Path(name), resolution, seed, limits)
-    _few(len(found.prior), resolution)
+    _few(len(found.prior), resolution, found.problem.n_states)
     return found

@@ -135,6 +135,23 @@ class DisclosureTable(Summarised, Saved):
         )
 
 
+def whole_ones(disclosures: Sequence[str], actions: Array) -> list[str]:
+    """Return a caution for each disclosure, besides "exact", that shows all of these decisions (M,U) as they are, at once."""
+    found = [Disclosure.of(each) for each in disclosures]
+    return [
+        f"Caution: {each} hides nothing of these decisions of {actions.shape[1]} weights: it is the same as exact."
+        for each in found
+        if each.maps
+        and each.schedule.is_immediate
+        and not each.needs_returns
+        and _is_same(each.shown(actions), actions)
+    ]
+
+
+def _is_same(shown: Array, actions: Array) -> bool:
+    return shown.shape == actions.shape and bool(np.abs(shown - actions).max() <= tolerances.SAME_ACTION)
+
+
 def under_disclosures(
     chain: BeliefChain,
     mechanism: Mechanism | Callable[[Disclosure], MechanismRule],
@@ -188,7 +205,7 @@ def under_disclosures(
     for each in asked:
         least = max(2 * each.schedule.period, 2 * (each.schedule.lag + 1))
         if count < least:
-            raise InputError(f"{each} needs {least} steps at least, got n_steps {count}")
+            raise InputError(f"n_steps is {count}, but {each} needs at least {least}")
     is_fixed = isinstance(mechanism, Mechanism)
     seed, rows, prior_error = int(validation.generator(rng).integers(2**62)), [], 0.0
     for done, each in enumerate(asked):

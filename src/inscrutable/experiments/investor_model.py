@@ -129,7 +129,7 @@ class InvestorModel:
         """
         if (self.turnover is None) != (previous is None):
             raise InputError(
-                "the last published weights and a limit on turnover go together: give both (--previous, --turnover), or neither"
+                "turnover that is limited and the weights published last go together: give both (--turnover, --previous)"
             )
         return self if previous is None else replace(self, problem=self.problem_after(previous), turnover=None)
 

@@ -99,8 +99,9 @@ class ReproductionSettings(PlanFile):
                 raise ValueError(
                     f"{name} {largest:,} gives {size:,} candidates, more than fit; expected at most {fits:,}"
                 )
-        if max(self.markets, self.simulations) > _MOST_MARKETS:
-            raise ValueError(f"markets and simulations should be at most {_MOST_MARKETS:,}")
+        for name in ("markets", "simulations"):
+            if getattr(self, name) > _MOST_MARKETS:
+                raise ValueError(f"{name} should be at most {_MOST_MARKETS:,}, got {getattr(self, name):,}")
         if self.starts[0] != 1:
             raise ValueError(f"starts should begin with 1, the paper's, got {self.starts}")
         if (self.law.regimes, self.law.assets) != (SIDES, SIDES):

@@ -16,6 +16,7 @@ from inscrutable.adversaries import (
     NaiveAdversary,
     NearOptimalAdversary,
 )
+from inscrutable.adversaries.data_adversary import LEAST_PAIRS, MOST_PAIRS
 from inscrutable.budgets import Budget
 from inscrutable.errors import InputError, ModelError
 from inscrutable.experiments.comparison_watchers import unwatched, watched
@@ -66,6 +67,9 @@ def _single(text: str) -> str:
         raise ValueError(f'{shown} leaves decisions out or delays them, which the observer "sequential" alone reads')
     return str(single_decisions(shown, "an observer of single decisions"))
 
+
+Pairs = Annotated[int, Field(ge=LEAST_PAIRS, le=MOST_PAIRS)]
+"""A number of pairs of belief and decision that an observer has seen."""
 
 DisclosureText = Annotated[str, BeforeValidator(_written)]
 """A disclosure as text, given as such or as a table of operations."""
@@ -242,7 +246,7 @@ class Data(ObserverSection):
     """Knows neither costs nor rule nor the law of beliefs, but has seen a number of pairs of belief and decision."""
 
     name: Literal["data"]
-    pairs: Grid[Annotated[int, Field(ge=10)]] = (1000,)
+    pairs: Grid[Pairs] = (1000,)
 
     @staticmethod
     def adversary(observed: Observed, chosen: Chosen) -> Adversary:

@@ -44,6 +44,7 @@ class InvestorPart(Section):
 
 
 _MOST_TURNOVER = 10.0  # a larger value is probably a percentage: 30 for 30 %
+_MOST_GROSS = 100.0  # likewise: 160 for 160 %
 
 
 class LimitsPart(Section):
@@ -61,7 +62,9 @@ class LimitsPart(Section):
     sector_cap: NonNegative | dict[str, float] | None = Field(
         default=None, description="most of every sector, or a table of sectors and theirs"
     )
-    long_short: Positive | None = Field(default=None, description="most that long and short holdings add up to")
+    long_short: Annotated[float, Field(gt=0.0, le=_MOST_GROSS)] | None = Field(
+        default=None, description="most that long and short holdings add up to"
+    )
     net: float | None = Field(default=None, description="with `long_short`: what long less short holdings add up to; 1")
     shortable: list[str] | None = Field(default=None, description="with `long_short`: assets that may be short; all")
     turnover: Annotated[float, Field(ge=0.0, le=_MOST_TURNOVER)] | None = Field(
@@ -81,6 +84,11 @@ class LimitsPart(Section):
                     raise InputError(
                         f"{key} goes with long_short, the limit on long and short holdings: give that as well"
                     )
+            least = self.min_weight if isinstance(self.min_weight, dict) else {"all": self.min_weight or 0.0}
+            if min(least.values(), default=0.0) < 0.0:
+                raise InputError(
+                    f"min_weight is {min(least.values()):g}, and weights below 0 need long_short: give that as well"
+                )
             signs = min_weights(assets, 0.0)
             rows = signs & Polyhedron(
                 A_eq=np.ones((1, len(assets))), b_eq=[1.0], names=["sum of weights = 1"], asset_names=assets
@@ -93,8 +101,9 @@ class LimitsPart(Section):
         if self.min_weight is not None:
             rows = rows & min_weights(assets, self.min_weight)
         if (self.sectors is None) != (self.sector_cap is None):
+            one, other = ("sectors", "sector_cap") if self.sector_cap is None else ("sector_cap", "sectors")
             raise InputError(
-                "sectors and sector_cap go together: which assets a sector has, and how much of it may be held"
+                f"{one} and {other} go together: which assets a sector has, and how much of it may be held"
             )
         if self.sectors is not None and self.sector_cap is not None:
             known = (

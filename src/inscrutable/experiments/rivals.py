@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
-from inscrutable.errors import InputError
-from inscrutable.experiments.sections import Likely, Matrix, Positive, Probability, Section, first_mistake
+from inscrutable.errors import InputError, ModelError
+from inscrutable.experiments.sections import EvenMatrix, Likely, Positive, Probability, Section, first_mistake
 from inscrutable.experiments.setting import Setting
 from inscrutable.experiments.toml_lines import read_toml
 from inscrutable.privacy import Loss, NamingError, RivalProblem
@@ -45,7 +45,7 @@ class FiniteRival(Section):
     """A finite choice, such as a wager on the regime: one row of costs per regime."""
 
     kind: Literal["finite"]
-    costs: Matrix
+    costs: EvenMatrix
 
 
 class NamingRival(Section):
@@ -88,6 +88,13 @@ def loss_of(rival: Any, problem: DecisionProblem) -> Loss:
         InputError: Its costs are no table, the number of regimes differs, or it needs returns and the agent's problem has none.
         ModelError: No weights satisfy its limits.
     """
+    try:
+        return _loss_of(rival, problem)
+    except (InputError, ModelError) as error:
+        raise type(error)(f"rival: {error}") from None
+
+
+def _loss_of(rival: Any, problem: DecisionProblem) -> Loss:
     if isinstance(rival, NamingRival):
         return NamingError()
     if isinstance(rival, OwnRival):

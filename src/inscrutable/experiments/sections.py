@@ -32,6 +32,13 @@ def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
+def _even(rows: list[list[float]]) -> list[list[float]]:
+    lengths = [len(row) for row in rows]
+    if len(set(lengths)) > 1:
+        raise ValueError(f"should be rows of one length, not of {', '.join(map(str, lengths))}")
+    return rows
+
+
 def rising(values: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return ascending numbers, or raise `ValueError`."""
     if any(later <= earlier for earlier, later in pairwise(values)):
@@ -56,6 +63,7 @@ _PAIR = (BeforeValidator(_listed), Field(strict=False), AfterValidator(_ascendin
 Pair = Annotated[tuple[float, float], *_PAIR]
 PositivePair = Annotated[tuple[Positive, Positive], *_PAIR]
 Matrix = list[list[float]]
+EvenMatrix = Annotated[Matrix, AfterValidator(_even)]
 
 
 class Section(BaseModel):

@@ -20,7 +20,15 @@ from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.disclosed import disclosed_rule
 from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism
 from inscrutable.privacy.losses import Loss, checked_loss
-from inscrutable.privacy.path_figures import Baseline, PathDraws, PathFigures, enumerated, sampled, unseen_beliefs
+from inscrutable.privacy.path_figures import (
+    FIGURES,
+    Baseline,
+    PathDraws,
+    PathFigures,
+    enumerated,
+    sampled,
+    unseen_beliefs,
+)
 from inscrutable.privacy.repeated import SIDE
 from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
@@ -201,6 +209,11 @@ def path_leakage(
         )
     wanted = None if loss is None else checked_loss(loss, rule.beliefs.shape[1])
     reader = InverseFilter(moves_of(world, BeliefPoints(rule.beliefs)), rule)
+    held = len(rule.beliefs)
+    validation.check_room(
+        count, "n_steps", f"laws of {held:,} beliefs at every step", lambda steps: float(steps) * held
+    )
+    validation.check_room(draws, "n_draws", f"figures of {count:,} steps", lambda paths: float(paths) * count * FIGURES)
     unseen = unseen_beliefs(reader, count)
     figures = partial(Baseline, reader, unseen, wanted)
     found = enumerated(reader, figures(), count, draws, shown.schedule)

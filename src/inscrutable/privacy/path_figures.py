@@ -28,7 +28,7 @@ _MOST_HELD = 2**22
 """Numbers in the laws in memory at once, 32 MB; more paths are processed in blocks."""
 _MOST_READ = 2**16
 """Most laws in an enumeration of the public symbols until a decision is seen."""
-_BELIEF, _SQUARED, _LOST, _PRIOR, _ROWS = 1, 3, 4, 5, 7
+_BELIEF, _SQUARED, _LOST, _PRIOR, FIGURES = 1, 3, 4, 5, 7
 """Rows of figures: added bits, information on belief and on state, square error, loss, and the last two without decisions."""
 
 
@@ -104,7 +104,7 @@ class Baseline:
 
     def without(self, n_steps: int) -> Array:
         """Return the figures of each step before a decision is seen, shape (7,T)."""
-        found = np.zeros((_ROWS, n_steps))
+        found = np.zeros((FIGURES, n_steps))
         found[_SQUARED] = found[_LOST] = self._unseen.spread**2
         if self._loss is not None:
             found[_LOST] = self._loss.bayes_risk(self._unseen.weights, self._points)

@@ -71,9 +71,10 @@ def paired(secrets: Any, published: Any, lags: Sequence[int], kind: Kind | None)
             + " and are left out; lags count the rows of both tables together"
         )
     if whole.sum() < LEAST_ROWS:
+        by_lags = f"lags of up to {edge} rows: " if len(both) - edge < LEAST_ROWS <= len(both) else ""
         raise InputError(
-            f"{int(whole.sum())} rows have a secret, a published decision and nothing missing, expected at least {LEAST_ROWS}"
-            + "".join(f"; {note}" for note in notes)
+            f"{by_lags}{int(whole.sum())} rows have a secret, a published decision and nothing missing, expected at least "
+            f"{LEAST_ROWS}" + "".join(f"; {note}" for note in notes)
         )
     targets = tuple(_target(hidden[name][whole], kind, notes) for name in hidden.columns)
     table, columns, of_lag = features[whole], [*decisions.columns] * len(lags), np.repeat(lags, decisions.shape[1])

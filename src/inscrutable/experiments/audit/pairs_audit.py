@@ -102,8 +102,22 @@ def audit_pairs(
         for target, run, judged in zip(pairs.targets, runs, zip(p_values, detectable, strict=True), strict=True)
     ]
     judged = len(pairs.index) - runs[0].bounds[runs[0].judged_from][0]
-    notes = (*pairs.notes, *(note for each in pairs.targets for note in _few_independent(each, judged)))
+    notes = (
+        *pairs.notes,
+        *_before(asked),
+        *(note for each in pairs.targets for note in _few_independent(each, judged)),
+    )
     return PairsAudit(tuple(found), len(pairs.index), judged, apart, asked, len(draw) - 1, tuple(makers), notes)
+
+
+def _before(lags: tuple[int, ...]) -> list[str]:
+    """Return a caution where decisions are read that stand before their secret."""
+    if lags[0] >= 0:
+        return []
+    return [
+        f"at lag {lags[0]} the decision stands before its secret: what is found there is no leak, unless the secret was known "
+        "earlier than its row says"
+    ]
 
 
 def _few_independent(target: Target, judged: int) -> list[str]:
@@ -141,10 +155,8 @@ def _embargo(pairs: PairedRows, lags: tuple[int, ...], asked: int | None) -> int
     else:
         found = max(validation.count(asked, "embargo", least=0), reach)
     if found > most:
-        raise InputError(
-            f"an embargo of {found} rows (lags reach over {reach}) leaves too little to learn from in {rows} rows, expected at "
-            f"most {most}"
-        )
+        long = f"lags reach over {reach} rows, which" if reach == found else f"embargo of {found} rows"
+        raise InputError(f"{long} leaves too little to learn from in {rows} rows, expected at most {most}")
     return found
 
 

@@ -254,7 +254,7 @@ def _check_address(address: str) -> None:
             raise ValueError("it has no host" if not host else f"there is no port {port}")
     except ValueError as error:
         raise InputError(
-            f"{address!r} is no address of a scheduler, expected one such as tcp://10.0.0.1:8786: {error}"
+            f"cluster {address!r} is no address of a scheduler, expected one such as tcp://10.0.0.1:8786: {error}"
         ) from None
 
 

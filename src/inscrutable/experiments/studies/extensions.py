@@ -136,7 +136,7 @@ def loaded(extension: Extension) -> Any:
 def _imported(spec: str) -> tuple[Any, str]:
     """Return the object of a name, and the hash of its source."""
     if not isinstance(spec, str) or not _SPEC.fullmatch(spec):
-        raise InputError(f'an extension is written as "module:name", got {spec!r:.80}')
+        raise InputError(f'extension {spec!r:.80}: an extension is written as "module:name"')
     place, _, name = spec.partition(":")
     if place == "__main__":
         raise InputError(

@@ -6,17 +6,14 @@ from collections.abc import Callable, Iterator
 from math import exp, lgamma, prod
 from typing import NamedTuple
 
+from inscrutable import validation
 from inscrutable.experiments.sections import PlanFile
 from inscrutable.experiments.studies.grid import StudyGrid
 from inscrutable.experiments.studies.layout import GivenWorld, RandomWorld, StudyFile
 from inscrutable.experiments.toml_lines import Place
 from inscrutable.mechanisms.priors import STEPS_OF_LAW
 
-MOST_NUMBERS = 2**27
-"""Numbers in one table, a gigabyte: several such tables stand side by side while a task is done."""
-
 MOST_TASKS = 10_000_000
-_GIGABYTE = 2.0**30
 
 
 class Demand(NamedTuple):
@@ -34,25 +31,9 @@ class Demand(NamedTuple):
     table: str
     size: Callable[[int], float]
 
-    @property
-    def fits(self) -> bool:
-        """Whether it fits into memory."""
-        return self.size(self.value) <= MOST_NUMBERS
-
     def refusal(self) -> str:
-        """Return the message on what is too large, and on what fits."""
-        taken = self.size(self.value)
-        room = (
-            f"{taken:.3g} numbers, {8.0 * taken / _GIGABYTE:.3g} GB" if taken < exp(_LARGE) else "more than any machine"
-        )
-        low, high = 0, self.value
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (middle, high) if self.size(middle) <= MOST_NUMBERS else (low, middle)
-        advice = (
-            f"expected at most {low:,}" if low else "no value of it fits: other sizes of the study have to be smaller"
-        )
-        return f"{self.value:,} is too large: {self.table} would take {room}, where {MOST_NUMBERS:,} fit; {advice}"
+        """Return the message on what is too large, and on what fits; empty where it fits into memory."""
+        return validation.excess(self.value, self.table, self.size, "other sizes of the study")
 
 
 _CANDIDATES = 5000.0
@@ -75,7 +56,7 @@ def points(coordinates: int, resolution: int) -> float:
 
 def too_large(study: StudyFile) -> Demand | None:
     """Return the first key of a grid that needs more memory than there is, if any."""
-    return next((each for each in _demands(study) if not each.fits), None)
+    return next((each for each in _demands(study) if each.refusal()), None)
 
 
 def _demands(study: StudyFile) -> Iterator[Demand]:

@@ -764,8 +764,10 @@ def test_an_interrupt_to_all_processes_is_told_once_and_resumed(tmp_path: Path) 
 
 def test_bad_arguments_are_refused_before_anything_is_written(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    for jobs in (0, -2, 1.5, True):
-        with pytest.raises(InputError, match=f"jobs must be a number of processes of at least 1, or -1 .*, got {jobs}"):
+    for jobs in (0, -2, 1.5, True, 1025):
+        with pytest.raises(
+            InputError, match=f"jobs must be a number of processes from 1 to 1,024, or -1 .*, got {jobs}"
+        ):
             run_study(Study.of(SMALL), out, jobs=jobs)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="exclude one another"):
         run_study(Study.of(SMALL), out, jobs=2, cluster="tcp://127.0.0.1:1")

@@ -221,7 +221,7 @@ class StudyFile(PlanFile):
         asked = data.get("measures") if isinstance(data, dict) else None
         if isinstance(asked, str):
             asked = [asked]
-        if not isinstance(asked, (list, tuple)):
+        if not isinstance(asked, (list, tuple)) or not asked:
             return data
         beside = (PAID, *(WITHOUT if all(name in asked for name in JUDGED) else ()))
         return data | {"measures": [*asked, *(name for name in beside if name not in asked)]}

@@ -11,22 +11,21 @@ from contextlib import closing
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from inscrutable import validation
 from inscrutable.datasets import output_folder, write_json
 from inscrutable.errors import InputError
+from inscrutable.experiments.studies.checking import fact_of
 from inscrutable.experiments.studies.executors import Executor, in_processes, on_cluster, serial
 from inscrutable.experiments.studies.extensions import as_text, checked_again
 from inscrutable.experiments.studies.kinds import kind_of
-from inscrutable.experiments.studies.store import STORE, Store, created, damaged, locked, opened, speaking
+from inscrutable.experiments.studies.store import MANIFEST, STORE, Store, created, locked, opened
 from inscrutable.experiments.studies.study import PathLike, Study
 from inscrutable.experiments.studies.tasks import FAILED, Row, Work
 from inscrutable.files import path_of
 
-MANIFEST = "manifest.json"
 _LOGGER = logging.getLogger(__name__)
 _PACKAGES = ("inscrutable", "numpy", "scipy", "numba", "daqp", "pandas", "pydantic", "joblib")
 
@@ -193,7 +192,7 @@ def resume_study(
 
 def _say_what_changed(store: Store) -> None:
     """Warn if other versions continue a study: rows may then differ in more than their order."""
-    before, now = _known(store).get("versions", {}), versions()
+    before, now = fact_of(store, "manifest", dict).get("versions", {}), versions()
     changed = [f"{name} {before[name]} (now {now[name]})" for name in _changed(before, now)]
     if changed:
         _LOGGER.warning(
@@ -203,13 +202,6 @@ def _say_what_changed(store: Store) -> None:
         )
 
 
-def _known(store: Store) -> dict[str, Any]:
-    """The manifest in a store."""
-    with speaking(store.folder):
-        found: dict[str, Any] = json.loads(store.fact("manifest") or "{}")
-    return found
-
-
 def _changed(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
     """The names whose versions are others now."""
     return [name for name in now if before.get(name, now[name]) != now[name]]
@@ -217,7 +209,7 @@ def _changed(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
 
 def _keep_versions(store: Store) -> None:
     """Add to the manifest in a store the versions that differ from those it was begun with."""
-    known, now = _known(store), versions()
+    known, now = fact_of(store, "manifest", dict), versions()
     later = {name: now[name] for name in _changed(known.get("versions", {}), now)}
     if later and later not in known.get("continued_with", []):
         known["continued_with"] = [*known.get("continued_with", []), later]
@@ -272,6 +264,9 @@ def continued(store: Store, execute: Executor, progress: Watch | None, *, limit:
     study = Study.load(store.folder)
     if not (store.folder / MANIFEST).exists():
         write_json(study.manifest(), store.folder / MANIFEST)
+    for _ in study.checked(store):
+        pass  # no row joins those of another study
+    fact_of(store, "worlds", list)
     work = work_of(study, store.fact("worlds") or "[]")
     missing = _missing(store, study.n_tasks, without_failed=retry)
     if limit is not None and validation.count(limit, "limit") < len(missing):
@@ -295,8 +290,6 @@ def _missing(store: Store, total: int, *, without_failed: bool) -> np.ndarray:
     """The numbers of tasks without a row, in order."""
     free = np.ones(total, dtype=bool)
     for number in store.numbers(without_failed=without_failed):
-        if not 0 <= number < total:
-            raise damaged(store.folder, f"it has a row {number}, the study {total} tasks")
         free[number] = False
     return np.flatnonzero(free)
 

@@ -20,6 +20,7 @@ from inscrutable.files import whole_file
 
 STORE = "study.sqlite"
 LOCK = "study.lock"
+MANIFEST = "manifest.json"
 VERSION = 1
 _APPLICATION = 0x494E5343  # "INSC": marks the file as one of ours
 _PATIENCE = 30.0  # seconds that a reader and the writer wait for one another

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
@@ -16,6 +15,7 @@ from pydantic import ValidationError
 
 from inscrutable.errors import InputError
 from inscrutable.experiments.sections import PlanFile
+from inscrutable.experiments.studies.checking import checked_manifest, checked_rows, fact_of
 from inscrutable.experiments.studies.extensions import Extension, extensions_of, from_text
 from inscrutable.experiments.studies.grid import StudyGrid
 from inscrutable.experiments.studies.kinds import kind_of, layout_of_kind
@@ -23,8 +23,8 @@ from inscrutable.experiments.studies.layout import StudyFile
 from inscrutable.experiments.studies.means import means_of
 from inscrutable.experiments.studies.ranking import protection
 from inscrutable.experiments.studies.reading import StudySource, checked_study, read_study
-from inscrutable.experiments.studies.store import opened, speaking
-from inscrutable.experiments.studies.tasks import DONE, FAILED, TaskGrid
+from inscrutable.experiments.studies.store import Store, opened, speaking
+from inscrutable.experiments.studies.tasks import DONE, FAILED, Row, TaskGrid
 from inscrutable.files import path_of
 from inscrutable.saved import Summarised
 
@@ -137,10 +137,10 @@ class Study(Summarised):
         place = path_of(folder, "a study's folder")
         with closing(opened(place)) as store:
             plan, data_hash = store.fact("study"), store.fact("data_hash")
+            name = fact_of(store, "study", dict).get("kind")
+            fact_of(store, "extensions", list)
             own = store.fact("extensions") or "[]"
         try:
-            with speaking(place):
-                name = json.loads(plan or "{}").get("kind")
             found = layout_of_kind(name, from_text(own)).model_validate_json(plan or "")
         except ValidationError as error:
             raise InputError(
@@ -183,7 +183,12 @@ class Study(Summarised):
             InputError: It was not run, or its store is damaged.
         """
         with closing(opened(self._place())) as store, speaking(store.folder):
-            return kind_of(self.plan).table(self.grid, store.rows(), durations)
+            return kind_of(self.plan).table(self.grid, self.checked(store), durations)
+
+    def checked(self, store: Store) -> Iterator[Row]:
+        """Yield the rows of its store in the order of the grid; raise `InputError` where store or manifest were edited."""
+        checked_manifest(store, self.plan, self.n_tasks, self.data_hash)
+        return checked_rows(store, self.grid)
 
     def means(self) -> pd.DataFrame:
         """Return every figure's mean over the repeats and half of its 95 % interval, one row per setting and decision maker.
@@ -233,15 +238,14 @@ class Study(Summarised):
     def errors(self) -> Iterator[str]:
         """Yield the reason of every task that failed, in the order of the grid."""
         with closing(opened(self._place())) as store:
-            for row in store.rows():
+            for row in self.checked(store):
                 if row.status == FAILED:
                     yield f"task {row.number} ({row.task}): {row.error}"
 
     def manifest(self) -> dict[str, Any]:
         """Return versions, seed, resolved study and hash of the data, as they were when it was begun."""
-        with closing(opened(self._place())) as store, speaking(store.folder):
-            found: dict[str, Any] = json.loads(store.fact("manifest") or "{}")
-        return found
+        with closing(opened(self._place())) as store:
+            return checked_manifest(store, self.plan, self.n_tasks, self.data_hash)
 
     def _place(self) -> Path:
         if self.folder is None:

@@ -74,6 +74,11 @@ class TaskGrid(Protocol):
         """Return the child seed of a task."""
 
 
+def seed_of(grid: TaskGrid, task: Task) -> str:
+    """Return the first 64 bits of a task's child seed."""
+    return str(int(grid.task_seed(task).generate_state(1, np.uint64)[0]))
+
+
 @dataclass(frozen=True)
 class Listed:
     """Tasks one after another, each with a child of one seed by its number.
@@ -173,8 +178,8 @@ class TaskRunner(ABC):
     def row_of(self, done: Done) -> Row:
         """Return the row of a task, with its identity and the first 64 bits of its child seed."""
         task, status, figures, duration, error = done
-        seed = int(self.grid.task_seed(task).generate_state(1, np.uint64)[0])
-        return Row(task.number, task.key, task.text, str(seed), status, figures_text(figures), duration, error)
+        seed = seed_of(self.grid, task)
+        return Row(task.number, task.key, task.text, seed, status, figures_text(figures), duration, error)
 
 
 def pass_interrupt(error: BaseException) -> None:

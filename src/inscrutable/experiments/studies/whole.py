@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import tomllib
 from collections.abc import Callable
@@ -15,15 +14,15 @@ from typing import Any, TypeVar
 from inscrutable.datasets import output_folder
 from inscrutable.errors import InputError, ModelError, SolverError
 from inscrutable.experiments.sections import PlanFile
+from inscrutable.experiments.studies.checking import fact_of
 from inscrutable.experiments.studies.runner import (
-    MANIFEST,
     StudyProgress,
     continued,
     executor,
     facts_of,
     versions,
 )
-from inscrutable.experiments.studies.store import STORE, created, locked, opened
+from inscrutable.experiments.studies.store import MANIFEST, STORE, created, locked, opened
 from inscrutable.experiments.studies.study import Study
 from inscrutable.experiments.studies.tasks import FAILED, Row
 from inscrutable.files import PathLike
@@ -96,10 +95,10 @@ def all_rows(
                 if how.failed:
                     check_done(list(store.rows()))
 
-            worlds = json.loads(store.fact("worlds") or "[]")
+            worlds = fact_of(store, "worlds", list)
             prepared(worlds)
             continued(store, execute, watch, limit=None, retry=True)
-            rows = list(store.rows())
+            rows = list(study.checked(store))
             check_done(rows)
             return rows, worlds
 
@@ -126,7 +125,7 @@ def rows_of_whole(study: Study, layout: type[_Plan], what: str) -> tuple[_Plan, 
         )
     assert study.folder is not None
     with closing(opened(study.folder)) as store:
-        return study.plan, list(store.rows()), json.loads(store.fact("worlds") or "[]")
+        return study.plan, list(study.checked(store)), fact_of(store, "worlds", list)
 
 
 def check_done(rows: list[Row]) -> None:

@@ -150,7 +150,9 @@ def test_bad_files_are_refused(folder: Path, capsys: pytest.CaptureFixture[str])
     other = SPREAD.rename(index={"Gas": "Tin"}, columns={"Gas": "Tin"})
     other.to_csv(folder / "covariance.csv")
     assert main(asked(folder, "--risk-aversion", "1")) == 3
-    assert "other asset labels than expected" in capsys.readouterr().err
+    weights, covariance = folder / "weights.csv", folder / "covariance.csv"
+    expected = f"{weights} and {covariance} have other labels: only in {weights}: Gas; only in {covariance}: Tin"
+    assert expected in capsys.readouterr().err
     bent = SPREAD.copy()
     bent.loc["Food", "Oil"] = bent.loc["Oil", "Food"] = 0.5
     bent.to_csv(folder / "covariance.csv")
@@ -178,3 +180,49 @@ def test_weights_without_a_column_of_labels_are_named(folder: Path, capsys: pyte
     assert main(asked(folder, "--risk-aversion", "2", weights="bare.csv")) == 3
     said = " ".join(capsys.readouterr().err.split())
     assert f"the first column of the weights is the asset {ASSETS[0]}, expected dates or labels" in said
+
+
+@pytest.mark.parametrize("risk", ["covariance", "returns"])
+def test_weights_that_lack_an_asset_are_named_first(
+    folder: Path, capsys: pytest.CaptureFixture[str], risk: str
+) -> None:
+    (folder / "two.csv").write_text("month,Food,Oil\nMay,0.6,0.4\n")
+    assert main(asked(folder, "--risk-aversion", "2", weights="two.csv", risk=risk)) == 3
+    said = capsys.readouterr().err
+    assert f"{folder / 'two.csv'} and {folder / f'{risk}.csv'} have other labels: only in" in said
+    assert "Gas" in said
+
+
+@pytest.mark.parametrize(
+    ("weights", "digits"), [("0.7,0.31,-0.01", "2"), ("0.7,0.33,-0.03", "1"), ("0.51,0.5,-0.01", "2")]
+)
+def test_a_short_position_is_no_rounding(
+    folder: Path, capsys: pytest.CaptureFixture[str], weights: str, digits: str
+) -> None:
+    (folder / "short.csv").write_text(f"month,Food,Oil,Gas\nMay,{weights}\n")
+    more = ("--risk-aversion", "2", "--held", "long-only", "--reference", "portfolio")
+    assert main(asked(folder, *more, weights="short.csv")) == 3
+    assert "--digits" not in capsys.readouterr().err
+    assert main(asked(folder, *more, "--digits", digits, weights="short.csv")) == 3
+    short = weights.split(",")[2]
+    assert f"row May: the weight of Gas is {short}, and a weight from 0 to" in capsys.readouterr().err
+
+
+def test_a_weight_at_its_rounded_cap_is_read(folder: Path) -> None:
+    (folder / "capped.csv").write_text("month,Food,Oil,Gas\nMay,0.34,0.33,0.33\n")
+    more = ("--risk-aversion", "2", "--held", "long-only", "--reference", "portfolio", "--digits", "2")
+    assert main(asked(folder, *more, "--cap", "0.335", weights="capped.csv")) == 0
+    assert main(asked(folder, *more, "--cap", "0.334", weights="capped.csv")) == 3
+
+
+def test_weights_that_nothing_explains_are_no_solution(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Zeros may be up to .005 and none below zero, so that a sum of 1.01 is no rounding of 1."""
+    (folder / "none.csv").write_text("month,Food,Oil,Gas\nMay,1.01,0.0,0.0\n")
+    (folder / "some.csv").write_text("month,Food,Oil,Gas\nMay,1.01,0.0,0.0\nJune,0.5,0.5,0.0\n")
+    more = ("--risk-aversion", "2", "--held", "long-only", "--reference", "portfolio", "--digits", "2")
+    out = folder / "out"
+    assert main(asked(folder, *more, "--out", str(out), weights="none.csv")) == 4
+    assert f"{folder / 'none.csv'}: no expected returns explain any" in capsys.readouterr().err
+    assert not out.exists()
+    assert main(asked(folder, *more, weights="some.csv")) == 0
+    assert "No view explains the weights of May." in capsys.readouterr().out

@@ -20,6 +20,7 @@ from inscrutable.cli_values import (
     UsageError,
     Whole,
     amount_of,
+    check_labels,
     covariance_of,
     writable_folder,
 )
@@ -82,10 +83,11 @@ def views(
     from inscrutable import tolerances
     from inscrutable.alphas import AlphaProblem
     from inscrutable.datasets import read_records
+    from inscrutable.errors import ModelError
     from inscrutable.reports.views import views_frame, views_remarks, views_summary, write_views
 
     table = read_records(weights, all_numbers=True)
-    risk = _risk(table, covariance, returns or prices, factors, prices is not None)
+    risk = _risk((weights, table), covariance, returns or prices, factors, prices is not None)
     problem = AlphaProblem(risk, risk_aversion, region_of(list(table.columns), held, cap))
     folder = None if out is None else writable_folder(out, "views")
     portfolios = "1 portfolio" if len(table) == 1 else f"{len(table)} portfolios"
@@ -94,6 +96,11 @@ def views(
         label: _read(problem, (weights, label, row), regret=allowed, digits=digits, reference=reference)
         for label, row in table.iterrows()
     }
+    if all(views.dimension < 0 for views in read.values()):
+        raise ModelError(
+            f"{weights}: no expected returns explain any of these portfolios: no weights that may be held are rounded to them, "
+            f"to {digits} decimals"
+        )
     files = [] if folder is None else replaced(folder, "views", partial(write_views, read), speech)
     if speech.json:
         speech.summary(views_summary(read))
@@ -123,28 +130,49 @@ def views(
 
 def _read(problem: AlphaProblem, of: tuple[Path, Any, pd.Series], **how: Any) -> ImpliedViews:
     """The views of one row of a file."""
-    from inscrutable import tolerances
     from inscrutable.alphas import implied_views
     from inscrutable.errors import InputError
 
     path, label, row = of
-    digits = how["digits"]
     try:
-        problem.check_weights(row, beyond=_rounding(problem, digits) + tolerances.FEASIBILITY)
+        _check(problem, row, how["digits"])
     except InputError as error:
         where = f"{path}, row {label_text(label)}"
         raise InputError(f"{where}: {error}{_advice(problem, row)}") from None
     return implied_views(problem, row, **how)
 
 
-def _rounding(problem: AlphaProblem, digits: int | None) -> float:
-    """The error of a sum of rounded weights: at most half a unit of the last digit for each."""
-    return 0.0 if digits is None else 0.5 * 0.1**digits * problem.n_assets
+def _check(problem: AlphaProblem, row: pd.Series, digits: int | None) -> None:
+    """Raise `InputError` where weights may not be held, or with `digits` are no rounding of any that may be.
+
+    A sum of rounded weights errs by at most half a unit of the last digit for each. A single one lies between its limits as
+    they are rounded, so that a short position is none of zero.
+    """
+    import numpy as np
+
+    from inscrutable import tolerances
+    from inscrutable.errors import InputError
+
+    if digits is None or problem.layout is None:
+        problem.check_weights(row)
+        return
+    unit, near = max(0.1**digits, tolerances.FEASIBILITY), tolerances.FEASIBILITY
+    held = problem.check_weights(row, beyond=0.5 * unit * problem.n_assets + near)
+    low, high = (
+        np.ceil((problem.layout.lower - near) / unit - 0.5) * unit,
+        np.floor((problem.layout.upper + near) / unit + 0.5) * unit,
+    )
+    off = np.maximum(low - held, held - high)
+    if off.max() > near:
+        worst = int(off.argmax())
+        raise InputError(
+            f"the weight of {row.index[worst]} is {held[worst]:g}, and a weight from {problem.layout.lower[worst]:g} to "
+            f"{problem.layout.upper[worst]:g} is rounded to {digits} decimals to one from {low[worst]:g} to {high[worst]:g}"
+        )
 
 
 def _advice(problem: AlphaProblem, row: pd.Series) -> str:
     """A clause for weights that may not be held as they are, but rounded, or as percentages."""
-    from inscrutable import tolerances
     from inscrutable.errors import InputError
 
     digits = _decimals(row)
@@ -153,7 +181,7 @@ def _advice(problem: AlphaProblem, row: pd.Series) -> str:
         (row / 100.0, digits + 2, "; these are percentages: divide them by 100"),
     ):
         try:
-            problem.check_weights(weights, beyond=_rounding(problem, rounded) + tolerances.FEASIBILITY)
+            _check(problem, weights, rounded)
         except InputError:
             continue
         return said
@@ -170,27 +198,31 @@ def _risk_text(path: Path | None, factors: int | None) -> str:
 
 
 def _risk(
-    table: pd.DataFrame, covariance: Path | None, history: Path | None, factors: int | None, are_prices: bool
+    held: tuple[Path, pd.DataFrame],
+    covariance: Path | None,
+    history: Path | None,
+    factors: int | None,
+    are_prices: bool,
 ) -> Any:
     """The covariance of the weights' columns, in their order: as given, or of a history of returns or prices."""
     from inscrutable.alphas import FactorRisk
-    from inscrutable.axes import Axis
     from inscrutable.datasets import read_returns
     from inscrutable.errors import InputError
 
+    path, table = held
     assets = list(table.columns)
     if covariance is not None:
         given = covariance_of(covariance)
         if table.index.name in given.columns:
             raise InputError(
-                f"the first column of the weights is the asset {table.index.name}, expected dates or labels of portfolios "
-                "before it"
+                f"{path}: the first column of the weights is the asset {table.index.name}, expected dates or labels of "
+                "portfolios before it"
             )
-        Axis("asset", tuple(assets)).order(tuple(given.columns), f"{covariance}")
+        check_labels(path, assets, covariance, list(given.columns))
         return given.loc[assets, assets]
     assert history is not None
     returns = read_returns(history, prices=are_prices)
-    Axis("asset", tuple(assets)).order(tuple(returns.columns), f"{history}")
+    check_labels(path, assets, history, list(returns.columns))
     if len(returns) < 2:
         raise InputError(f"{history}: {len(returns)} rows of returns, expected at least 2")
     return returns[assets].cov() if factors is None else FactorRisk.from_returns(returns[assets], factors)

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from inscrutable.alphas import ImpliedViews
+from inscrutable.axes import few
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.labels import label_text
 from inscrutable.reports.style import BLUE, GREY, ORANGE, PAGE_WIDTH, as_written, drawing, save_figure
@@ -44,14 +45,17 @@ def views_summary(read: Mapping[Any, ImpliedViews]) -> dict[str, Any]:
 
 
 def views_remarks(read: Mapping[Any, ImpliedViews]) -> list[str]:
-    """Return remarks on the views: weights that look like percentages or money."""
+    """Return remarks on the views: portfolios that no view explains, and weights that look like percentages or money."""
+    empty = [label_text(label) for label, views in read.items() if views.dimension < 0]
+    remarks = [f"No view explains the weights of {few(empty)}."] if empty else []
     sizes = {label_text(label): float(np.abs(views.weights).sum()) for label, views in read.items()}
     if not sizes or max(sizes.values()) <= _LARGEST_BOOK:
-        return []
+        return remarks
     label = max(sizes, key=lambda each: sizes[each])
     return [
+        *remarks,
         f"The weights of {label} add up to {sizes[label]:,.6g} in size. They are read as shares of wealth, and the views grow "
-        "with them: divide percentages by 100, and money by the wealth."
+        "with them: divide percentages by 100, and money by the wealth.",
     ]
 
 

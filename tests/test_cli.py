@@ -396,6 +396,8 @@ def test_reproduce_judges_the_claims(run, tmp_path: Path) -> None:  # type: igno
         code, out, _ = run("reproduce", *sizes, "--out", tmp_path, "-q")
     assert code == 0
     assert "claims over 2 random markets" in out
+    assert "Caution: 2 markets are few" in out
+    assert len(json.loads((tmp_path / "summary.json").read_text())["cautions"]) == 1
     assert (tmp_path / "claims.csv").is_file()
     assert json.loads((tmp_path / "summary.json").read_text())
 

@@ -257,7 +257,31 @@ def test_verdicts_follow_the_findings(small: Reproduction) -> None:
     seen = dataclasses.replace(small.runs[0], odm=dataclasses.replace(small.runs[0].odm, privacy=np.array([0.0, 0.1])))
     assert verdict("odm_exposed", [seen, *small.runs[1:]]) is Verdict.FAILS
     wild = changed(PAPER, mixing_gain=np.array([-50.0, -50.0]))
-    assert verdict("hard_budget", wild) in (Verdict.FAILS, Verdict.ONLY_GLOBAL)
+    assert verdict("hard_budget", wild) in (Verdict.INCONCLUSIVE, Verdict.OPEN_LOCAL)  # one market of three
+
+    def gaining(**gains: tuple[float, ...]) -> list[object]:
+        moved = []
+        for number, run in enumerate(small.runs):
+            own = {
+                name: dataclasses.replace(run.variants[name], mixing_gain=np.full(2, each[number]))
+                for name, each in gains.items()
+            }
+            moved.append(dataclasses.replace(run, variants={**run.variants, **own}))
+        return moved
+
+    worse, unclear, better = (-50.0, -49.0, -51.0), (-1.0, 0.5, 1.0), (1.0, 1.1, 0.9)
+    cases = {
+        (worse, worse): Verdict.FAILS,
+        (worse, better): Verdict.ONLY_GLOBAL,
+        (better, worse): Verdict.ONLY_LOCAL,
+        (better, better): Verdict.HOLDS,
+        (better, unclear): Verdict.OPEN_GLOBAL,
+        (unclear, better): Verdict.OPEN_LOCAL,
+        (unclear, worse): Verdict.INCONCLUSIVE,
+        (unclear, unclear): Verdict.INCONCLUSIVE,
+    }
+    for (local, globally), expected in cases.items():
+        assert verdict("hard_budget", gaining(**{PAPER: local, GLOBAL: globally})) is expected
     assert {claim.rule for claim in CLAIMS} == set(Rule)
     with pytest.raises(InputError, match="at least 2 markets, got 1"):
         judge_claims(small.runs[:1])

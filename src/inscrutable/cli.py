@@ -111,7 +111,7 @@ def reproduce(
             stopped.
     """
     from inscrutable.experiments.reproduction import ReproductionSettings, reproduce
-    from inscrutable.reports.reproduction import claims_table, verdict, write_reproduction
+    from inscrutable.reports.reproduction import cautions, claims_table, verdict, write_reproduction
 
     sizes: dict[str, Any] = {"markets": markets, "simulations": simulations, "steps": steps, "resolution": resolution}
     settings = ReproductionSettings(seed=seed, budget=budget, **sizes)
@@ -129,7 +129,7 @@ def reproduce(
     title = f"The paper's claims over {markets} random markets (seed {seed})"
     show_table(claims_table(result).set_index("claim"), title, prose=True)
     speech.files(files)
-    speech.sentence(f"\n{verdict(result)}")
+    speech.sentence("\n".join(["", verdict(result), *cautions(result)]))
 
 
 @app.command(validator=alphas_go_with)

@@ -40,6 +40,9 @@ class Verdict(Enum):
     FAILS = "fails"
     ONLY_LOCAL = "holds only with the local solver"
     ONLY_GLOBAL = "holds only with the global solver"
+    OPEN_GLOBAL = "holds with the local solver, inconclusive with the global one"
+    OPEN_LOCAL = "holds with the global solver, inconclusive with the local one"
+    INCONCLUSIVE = "inconclusive"
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +83,14 @@ class Finding:
         standard_error: Standard error of an average over the markets; NaN otherwise.
         share: Share of the markets in which the claim holds.
         holds: Whether the rule is met.
+        is_open: Whether it is neither met nor missed: an average is within its standard errors of the bound.
     """
 
     measured: float
     standard_error: float
     share: float
     holds: bool
+    is_open: bool = False
 
 
 @dataclass(frozen=True)
@@ -119,11 +124,12 @@ def judge_claims(runs: Sequence[MarketRun]) -> tuple[JudgedClaim, ...]:
 
 def _judge(claim: Claim, runs: Sequence[MarketRun]) -> JudgedClaim:
     found = {name: _finding(claim, runs, name) for name in (PAPER, GLOBAL)}
+    is_open = found[PAPER].is_open or found[GLOBAL].is_open
     verdict = {
         (True, True): Verdict.HOLDS,
-        (True, False): Verdict.ONLY_LOCAL,
-        (False, True): Verdict.ONLY_GLOBAL,
-        (False, False): Verdict.FAILS,
+        (True, False): Verdict.OPEN_GLOBAL if is_open else Verdict.ONLY_LOCAL,
+        (False, True): Verdict.OPEN_LOCAL if is_open else Verdict.ONLY_GLOBAL,
+        (False, False): Verdict.INCONCLUSIVE if is_open else Verdict.FAILS,
     }[found[PAPER].holds, found[GLOBAL].holds]
     return JudgedClaim(claim.key, claim.text, claim.criterion, len(runs), found[PAPER], found[GLOBAL], verdict)
 
@@ -149,7 +155,8 @@ def finding_of(measured: Array, rule: Rule, bound: float, *, at_least: bool = Tr
     worst = int((means - ERRORS * errors).argmin())
     # With ties in almost every market the average is a rounding error: if every market meets the bound, so does the average.
     holds = share == 1.0 or bool(means[worst] - ERRORS * errors[worst] >= bound)
-    return Finding(sign * float(means[worst]), float(errors[worst]), share, holds)
+    is_open = not holds and bool((means + ERRORS * errors >= bound).all())
+    return Finding(sign * float(means[worst]), float(errors[worst]), share, holds, is_open)
 
 
 def rank_agreement(first: ArrayLike, second: ArrayLike) -> float:

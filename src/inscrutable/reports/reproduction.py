@@ -25,6 +25,8 @@ from inscrutable.reports.tradeoff_plots import plot_convergence, plot_tradeoff
 
 _TRIANGLE_HEIGHT = 3.8
 _CHART_HEIGHT = 2.9
+_FEW = 30
+"""Number of markets below which standard errors are too large to judge a claim."""
 
 
 _VERDICTS = {
@@ -32,6 +34,15 @@ _VERDICTS = {
     Verdict.ONLY_LOCAL: ("holds only with the local solver", "hold only with the local solver"),
     Verdict.ONLY_GLOBAL: ("holds only with the global solver", "hold only with the global solver"),
     Verdict.FAILS: ("fails", "fail"),
+    Verdict.OPEN_GLOBAL: (
+        "holds with the local solver and is inconclusive with the global one",
+        "hold with the local solver and are inconclusive with the global one",
+    ),
+    Verdict.OPEN_LOCAL: (
+        "holds with the global solver and is inconclusive with the local one",
+        "hold with the global solver and are inconclusive with the local one",
+    ),
+    Verdict.INCONCLUSIVE: ("is inconclusive", "are inconclusive"),
 }
 """Words for one claim and for several, by verdict."""
 
@@ -125,6 +136,17 @@ def verdict(result: Reproduction) -> str:
     return f"Of the paper's {len(result.claims)} claims, {said}, over {result.settings.markets} random markets."
 
 
+def cautions(result: Reproduction) -> list[str]:
+    """Return cautions on the verdict: few markets."""
+    markets = result.settings.markets
+    if markets >= _FEW:
+        return []
+    return [
+        f"Caution: {markets} markets are few: averages have wide standard errors, and what holds in every one of them may "
+        f"fail in others; {_FEW} or more say more."
+    ]
+
+
 def introduction_table(claims: Sequence[IntroductionClaim]) -> pd.DataFrame:
     """Return the claims of the introduction as text: the measured quantity against either observer, and the verdict."""
     rows = [
@@ -181,6 +203,7 @@ def summary_of(result: Reproduction) -> dict[str, Any]:
             }
             for claim in result.claims
         },
+        "cautions": cautions(result),
     }
 
 

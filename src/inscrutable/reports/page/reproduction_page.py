@@ -13,7 +13,7 @@ from inscrutable.experiments.reproduction import Reproduction
 from inscrutable.labels import capital
 from inscrutable.reports.page.content import PageContent, PagePicture, PageTable
 from inscrutable.reports.page.manifest import keys_of, versions_told
-from inscrutable.reports.reproduction import claims_table, draw_convergence, draw_variant, verdict
+from inscrutable.reports.reproduction import cautions, claims_table, draw_convergence, draw_variant, verdict
 from inscrutable.validation import Array
 
 _SOLVERS = {PAPER: "the paper's solvers", GLOBAL: "global solvers"}
@@ -35,8 +35,6 @@ _DRAWN = {
         "Mean privacy against the cost budget over the simulated markets, with their spread.",
     ),
 }
-_FEW = 30
-"""Number of markets below which standard errors are too large to judge a claim."""
 _NOTES = (
     "ODM: the original decision maker, who plays the optimal decision. CDM: the counter-adversarial one, the most private "
     "decision within the budget. PDM: the probabilistic one, a lottery within the budget on average.",
@@ -70,7 +68,7 @@ def reproduction_content(
         f"{settings.markets} random markets; budget c_b = {settings.budget:g} of |c*|.",
         verdict=[verdict(result)],
         limits=["ODM: optimal; CDM: counter-adversarial; PDM: probabilistic decision maker."],
-        cautions=_cautions(settings.markets),
+        cautions=[each.removeprefix("Caution: ") for each in cautions(result)],
         tables=[PageTable("The claims", ["Claim", *map(capital, claims.columns[1:])], rows, is_prose=True)],
         pictures=list(_pictures(result, drawn)),
         details=[
@@ -87,12 +85,6 @@ def reproduction_content(
             **manifest,
         },
     )
-
-
-def _cautions(markets: int) -> list[str]:
-    if markets >= _FEW:
-        return []
-    return [f"{markets} markets are few: averages have wide standard errors, and a claim may fail for that alone."]
 
 
 def _pictures(result: Reproduction, drawn: Path | None) -> Iterator[PagePicture]:

@@ -174,6 +174,10 @@ def test_what_does_not_fit_is_refused() -> None:
         ("one of the assets", BesideReturns("Oil"), {}),
         ("public lacks 2 of", BesideReturns(late), {}),
         ("do not vary", BesideReturns(sentiment() * 0.0), {}),
+        ("do not vary in the training sample: all are 0.3", BesideReturns(sentiment() * 0.0 + 0.3), {}),
+        ("are the returns of 3M, .* the column 3M can be public", BesideReturns(RETURNS["3M"].rename("x")), {}),
+        ("are the returns of 3M", BesideReturns((100.0 * RETURNS["3M"] + 1.0).round(4)), {}),
+        ("are a combination of the returns", BesideReturns(RETURNS.mean(axis=1).rename("index")), {}),
         ("one per regime", BesideReturns(private=rows.rename(columns={"calm": "quiet"})), {}),
         ("likelihoods are at least 0", BesideReturns(private=bad), {}),
         ("none of the dates", BesideReturns(private=rows.shift(freq="D")), {}),
@@ -200,5 +204,5 @@ def test_the_command_line_names_columns_and_files(tmp_path: Path) -> None:
     assert len(beside_of("market", None, RETURNS, embedded=True).market) > 800
     with pytest.raises(UsageError, match="--public oil"):
         beside_of("oil", None, RETURNS, embedded=False)
-    with pytest.raises(UsageError, match="2 columns"):
+    with pytest.raises(InputError, match="has 2 columns of numbers"):
         beside_of(str(tmp_path / "signal.csv"), None, RETURNS, embedded=False)

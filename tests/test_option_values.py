@@ -182,6 +182,8 @@ def test_decisions_before_their_secret_are_a_caution(files: Path, capsys: pytest
 BAD_FILES = [
     ("backtest", "--public", "date,a,b\n2001-01-31,1,2\n", 3, " has 2 columns of numbers, expected one"),
     ("backtest", "--public", "date,a\n2001-01-31,1\n", 3, ": public lacks 79 of 80 dates of the returns"),
+    ("backtest", "--public", "CONSTANT", 3, ": public numbers do not vary in the training sample: all are 0.3"),
+    ("backtest", "--public", "REPEATS", 3, ": public numbers are the returns of Oil"),
     ("backtest", "--riskless", "date,a,b\n2001-01-31,0,0\n", 3, " has 2 columns of numbers, expected one"),
     ("backtest", "--riskless", "date,a\n2001-01-31,0.001\n", 3, ": riskless lack"),
     ("backtest", "--private", "date,calm,wild\n2001-01-31,1,2\n", 3, ": private has the columns ['calm', 'wild']"),
@@ -205,7 +207,9 @@ def test_bad_data_name_their_file(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     bad = tmp_path / "bad.csv"
-    bad.write_text(text)
+    returns = pd.read_csv(files / "returns.csv", index_col="date")
+    known = {"CONSTANT": returns[["Oil"]] * 0.0 + 0.3, "REPEATS": returns[["Oil"]]}
+    bad.write_text(known[text].to_csv() if text in known else text)
     found, line = said(files, tmp_path / "out", verb, f"{option} {bad}", capsys)
     assert found == code
     assert line.partition(": ")[2].partition(": ")[2].startswith(str(bad))

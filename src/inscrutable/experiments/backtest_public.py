@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from inscrutable import validation
+from inscrutable import tolerances, validation
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_aware import AwareReading, PublicSymbols
@@ -22,6 +22,7 @@ from inscrutable.experiments.backtest_inputs import ReturnsSample
 from inscrutable.experiments.episodes import Episode
 from inscrutable.experiments.holding import estimate_quality
 from inscrutable.filtering import filter_beliefs
+from inscrutable.labels import label_text
 from inscrutable.validation import Array
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel, PublicPart
 
@@ -127,6 +128,7 @@ def public_world(beside: BesideReturns, world: HiddenMarkovModel, market: Return
     assets, training = list(market.returns.columns), market.training
     if isinstance(beside.public, pd.Series):
         read = _on_dates(beside.public, pd.DatetimeIndex(market.returns.index), "public")
+        _check_own(read.iloc[: market.n_training].to_numpy(), training)
         sensor = _fitted(read.iloc[: market.n_training].to_numpy(), np.asarray(held)[: market.n_training])
         return _cut(_name_of(beside.public), world, sensor, read, market)
     if beside.public in (NOTHING, ALL):
@@ -240,13 +242,33 @@ def _cut(
     return PublicWorld(said, with_it, read, cuts)
 
 
+def _check_own(values: Array, returns: pd.DataFrame) -> None:
+    """Raise `InputError` for a number that does not vary, or follows from the returns, which would count twice."""
+    if np.ptp(values) <= tolerances.CONSTANT_COLUMN * np.abs(values).max():
+        raise InputError(f"public numbers do not vary in the training sample: all are {values[0]:g}")
+    moved, rows = values - values.mean(), (returns - returns.mean()).to_numpy()
+    if len(rows) <= 2 * rows.shape[1]:
+        return  # too few to tell
+    groups = [*([column] for column in range(rows.shape[1])), list(range(rows.shape[1]))]
+    for columns in groups:
+        rest = moved - rows[:, columns] @ np.linalg.lstsq(rows[:, columns], moved, rcond=None)[0]
+        if rest @ rest <= tolerances.COMBINED_COLUMNS * (moved @ moved):
+            one = label_text(returns.columns[columns[0]])
+            what = f"are the returns of {one}" if len(columns) == 1 else "are a combination of the returns"
+            instead = f"the column {one}" if len(columns) == 1 else "market, all or a column"
+            raise InputError(
+                f"public numbers {what}, which the investor reads already and would count twice; of the returns {instead} can "
+                "be public, by name"
+            )
+
+
 def _fitted(values: Array, held: Array) -> GaussianEmission:
     """Return a number's mean and variance in each regime, its rows weighted by the training sample's filtered beliefs."""
     shares = held / held.sum(axis=0)
     means = shares.T @ values
     variances = (shares * (values[:, None] - means) ** 2).sum(axis=0)
     if not (variances > 0).all():
-        raise InputError("public does not vary in the training sample")
+        raise InputError("public numbers do not vary in a regime of the training sample")
     return GaussianEmission(means[:, None], variances[:, None, None])
 
 

@@ -248,19 +248,6 @@ def test_silence_regret_by_hand():
     assert found.error_share == found.bayes_error / found.prior_error
 
 
-def test_regrets_of_another_problem_are_refused():
-    costs, prior = np.array([[0.0, 1.0], [1.0, 0.0]]), uniform_prior(2, 4)
-    regrets = prior.beliefs @ costs - (prior.beliefs @ costs).min(axis=1, keepdims=True)
-    table = np.full((len(prior), 2), 0.5)
-    played = Mechanism(prior.beliefs, np.arange(2), table, regrets.round(7))
-    assert leakage(played, prior, FiniteProblem(costs)).expected_regret == pytest.approx(0.5 - 0.2, abs=1e-6)
-    unplayed = Mechanism(prior.beliefs, np.arange(2), table @ [[1.0, 0.0], [1.0, 0.0]], regrets * [1.0, 9.0])
-    assert np.isfinite(leakage(unplayed, prior, FiniteProblem(costs)).silence_regret)
-    for wrong in (0.0 * regrets, 2.0 * regrets, regrets[::-1]):
-        with pytest.raises(InputError, match="the problem that the mechanism was made for"):
-            leakage(Mechanism(prior.beliefs, np.arange(2), table, wrong), prior, FiniteProblem(costs))
-
-
 def test_a_tiny_share_is_not_lost():
     # A nearly silent mechanism leaks 2ε²/ln 2: a difference of entropies would lose it.
     share, prior = 1e-6, uniform_prior(2, 1)

@@ -183,7 +183,8 @@ NON_EXISTENCE_MARGIN = 1e-2
 because an arbitrarily small change satisfies the paper's definition, which has 0."""
 
 INFEASIBILITY_MARGIN = 1e-6
-"""Default plausibility gap of an infeasible decision, in the cost's unit: far above solver noise, small against any return."""
+"""Default plausibility gap of an infeasible decision, in the cost's unit: far above solver noise,
+small against any monthly return."""
 
 COVARIANCE_FLOOR = 1e-6
 """Smallest eigenvalue of a fitted covariance when every column of the data is scaled to unit variance: keeps a regime
@@ -202,9 +203,6 @@ EM_CHANGE = 1e-8
 CLAIM_ROUNDING = 1e-6
 """Differences of privacies, and of cost increases as shares of |c*|, below this count as none when the paper's claims
 are judged: HiGHS's feasibility times the largest regret over the optimal cost, and above the polish's accuracy."""
-
-GIVEN_REGRET = 1e-6
-"""How far given regrets may be from a problem's, relative to its largest cost: what files written with seven digits leave."""
 
 NO_COST = 1e-9
 """An expected regret below this share of the largest beside it is rounding: an optimal decision's, not the price of hiding."""

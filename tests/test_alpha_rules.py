@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
-from scipy.optimize import minimize_scalar
+from scipy.optimize import brentq, minimize_scalar
 
 from inscrutable import (
     AlphaDecisionMaker,
@@ -26,8 +26,10 @@ from inscrutable import (
     LinearGaussianWorld,
     ModelError,
     Polyhedron,
+    PublicPart,
     box,
     implied_views,
+    kalman_filter,
     obfuscated_decision,
     steady_filter,
 )
@@ -831,6 +833,38 @@ def test_no_regret_above_the_limit_where_a_prediction_has_no_variance_in_some_di
     maker = AlphaDecisionMaker(problem, 0.5, world=world, objective="error", error_weights=np.diag([2.0, 1.0]))
     assert maker.regret == pytest.approx(maker.limit, rel=1e-4)
     assert maker.gap < 1e-4
+
+
+@pytest.mark.parametrize("n_public", [1, 2])
+def test_means_that_do_not_last_beside_a_public_part_are_decided_one_at_a_time(
+    n_public: int, fresh_rng: np.random.Generator
+) -> None:
+    """Against water filling of their law given the public part; they had no bound within 20,000 steps."""
+    factor, root = fresh_rng.normal(size=(2, 3, 3))
+    risk, spread = factor @ factor.T + 0.1 * np.eye(3), root @ root.T
+    part = fresh_rng.normal(size=(n_public, 3))
+    noise = 0.3 * np.eye(3)
+    world = LinearGaussianWorld(np.zeros((3, 3)), spread, np.eye(3), noise, public=PublicPart(part))
+    held = spread @ np.linalg.solve(
+        spread + noise, spread
+    )  # of the agent's estimate, of which z = part @ y tells a part
+    told = spread @ part.T
+    hidden = held - told @ np.linalg.solve(part @ (spread + noise) @ part.T, told.T)
+    theta = np.linalg.inv(risk) / (4.0 * 2.5)
+    levels = np.linalg.eigvals(theta @ hidden).real
+    levels = levels[levels > 1e-9 * levels.max()]
+    for objective in ("information", "error"):
+        maker = AlphaDecisionMaker(AlphaProblem(risk, 2.5), 0.2, world=world, objective=objective)
+        assert maker.silence_regret == pytest.approx(levels.sum(), rel=1e-8)
+        assert maker.regret == pytest.approx(0.2 * levels.sum(), rel=1e-6)
+        assert maker.status is AlphaStatus.OPTIMAL
+    least = AlphaDecisionMaker(AlphaProblem(risk, 2.5), 0.2, world=world)
+    water = brentq(lambda level: np.minimum(levels, level).sum() - 0.2 * levels.sum(), 0.0, levels.max())
+    assert least.bits == pytest.approx(0.5 * np.log2(levels / np.minimum(levels, water)).sum(), rel=1e-6)
+    path = world.sample(400, rng=fresh_rng)
+    means = kalman_filter(world, path.observations).means
+    regrets = least.decide_path(means, public=path.observations @ part.T, rng=fresh_rng).regrets
+    assert abs(regrets.mean() - least.regret) <= 6.0 * regrets.std() / 20.0
 
 
 def test_without_a_budget_the_largest_error_is_what_optimal_decisions_leave() -> None:

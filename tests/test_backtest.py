@@ -62,7 +62,8 @@ def found() -> Backtest:
 
 
 def test_its_table_is_the_one_it_had(found: Backtest) -> None:
-    """As in the first release, but for the aware observer, who reads a decision at a distance of noise as one alone since."""
+    """As in the first release, but for the aware observer: it reads a decision at a distance of noise as one alone since, and
+    its law of the belief is simulated with the assets by rising variance."""
     table, wanted = table_of(found), golden("backtest")
     kept = [name for name in wanted.index if name in table.index]
     assert len(kept) >= len(wanted) - 3
@@ -382,6 +383,14 @@ def test_other_measures_and_budgets() -> None:
     assert np.isnan(absent.figures["ODM"]["mean_privacy"])
     assert absent.figures["CDM"]["mean_privacy"] == 0.0
     assert "-" in text_of(absent)
+
+
+@pytest.mark.usefixtures("coarse")
+def test_the_order_of_the_assets_changes_no_figure() -> None:
+    """Returns in whole per cent, so that their means tie with the cut points that discretise them."""
+    returns = market(9, extra=5).round(2)
+    some, other = (table_of(run(returns[names])) for names in (list(returns), list(returns)[::-1]))
+    assert_same(other, some, rtol=1e-6, atol=1e-10)
 
 
 @pytest.mark.usefixtures("coarse")

@@ -121,6 +121,24 @@ def test_bounds_and_distances_are_those_of_lifted_programmes(
         assert not views.contains(other) or views.distance(other) < 1e-9
 
 
+@pytest.mark.parametrize("size", [0.0, 1e-9, 1.0])
+@pytest.mark.parametrize("far", [1e-9, 1.0, 1e6])
+def test_the_nearest_view_is_a_member_at_every_scale(size: float, far: float, fresh_rng: np.random.Generator) -> None:
+    """Without limits one view of all assets explains weights; of more signals than assets a subspace does."""
+    rng, risk = fresh_rng, risk_of(fresh_rng)
+    for region in regions(rng).values():
+        for loads in (None, rng.normal(size=(N, 2)), rng.normal(size=(N, N + 2))):
+            problem = AlphaProblem(risk, GAMMA, region, loads)
+            weights = problem.optimum(size * rng.normal(size=problem.n_signals))
+            views, other = implied_views(problem, weights), far * rng.normal(size=problem.n_signals)
+            nearest = views.nearest(other)
+            assert views.contains(nearest)
+            if region is None and (loads is None or loads.shape[1] > N):
+                full = np.eye(N) if loads is None else loads
+                told = other + np.linalg.pinv(full) @ (2.0 * GAMMA * risk.dense() @ weights - full @ other)
+                np.testing.assert_allclose(nearest, told, rtol=0, atol=1e-9 * max(size, far))
+
+
 def test_an_end_along_a_ray_is_infinite_in_every_unit(fresh_rng: np.random.Generator) -> None:
     for rng in (np.random.default_rng(2380298458), fresh_rng):
         region, risk = regions(rng)["neutral"], risk_of(rng)

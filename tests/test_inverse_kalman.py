@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from inscrutable import InputError, LinearView, SensorFamily, calibrate_sensor, inverse_kalman_filter
+from inscrutable import InputError, LinearView, ModelError, SensorFamily, calibrate_sensor, inverse_kalman_filter
 from inscrutable.worlds.kalman import kalman_filter
 from inscrutable.worlds.linear_gaussian import LinearGaussianWorld
 
@@ -139,6 +139,28 @@ def test_the_noise_of_a_sensor_is_calibrated_from_a_linear_decision() -> None:
     low, high = found.intervals[0]
     assert low <= 0.8 <= high
     assert high - low < 0.3
+
+
+def test_estimates_that_are_certain_are_named_as_such() -> None:
+    start, seen = ([0.0], [[1.0]]), [0.5, 0.7]
+    blind, clear = (LinearGaussianWorld([[0.9]], [[0.19]], [[c]], [[1.0 - c]], start) for c in (0.0, 1.0))
+    nothing = LinearGaussianWorld([[0.9]], [[0.19]], [[0.0]], [[0.0]], start)
+    for world, states, said in [
+        (blind, None, "sensor is zero"),
+        (blind, seen, "sensor is zero"),
+        (clear, seen, "observes without noise"),
+        (nothing, seen, "no filter of its own"),
+    ]:
+        with pytest.raises(ModelError, match=said):
+            inverse_kalman_filter(world, seen, states=states)
+    blur = LinearView(
+        [[1.0]], [[0.1]]
+    )  # seen through noise: known estimates, 0 of the blind and the states of the other
+    for world, known in ((blind, [0.0, 0.0]), (clear, [1.0, 2.0])):
+        found = inverse_kalman_filter(world, seen, blur, states=[1.0, 2.0])
+        np.testing.assert_allclose(found.means.ravel(), known, atol=1e-12)
+        wanted = norm.logpdf(seen, known, np.sqrt(0.1)).sum()
+        assert found.log_likelihood == pytest.approx(wanted, abs=1e-12)
 
 
 def test_malformed_input_is_named() -> None:

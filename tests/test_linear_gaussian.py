@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from decimal import Decimal, localcontext
 from typing import Any
 
 import numpy as np
@@ -168,6 +169,59 @@ def test_a_filter_whose_sensors_reveal_the_state_predicts_with_the_process_noise
         found = steady_filter(world).predicted_covariance
         np.testing.assert_allclose(found, world.process, rtol=0, atol=1e-7 * np.abs(found).max())
         seen += 1
+
+
+def solved_exactly(matrix: np.ndarray, sides: np.ndarray) -> np.ndarray:
+    """One solution for a positive semidefinite matrix of decimals, by elimination; a pivot that is rounding is none."""
+    table, least = np.hstack([matrix, sides]), np.diag(matrix) * Decimal(10) ** -60
+    for i in range(len(matrix)):
+        if table[i, i] <= least[i]:
+            table[i] *= 0
+            continue
+        table[i] = table[i] / table[i, i]
+        for k in set(range(len(matrix))) - {i}:
+            table[k] = table[k] - table[k, i] * table[i]
+    return table[:, len(matrix) :]
+
+
+def predicted_exactly(
+    move: np.ndarray, shocks: np.ndarray, sensor: np.ndarray, noises: np.ndarray
+) -> np.ndarray | None:
+    """The prediction's covariance after 100 steps in 120 digits; None where it still moves. Noises are given by factors."""
+    with localcontext(prec=120):
+        move, shocks, sensor, noises = (
+            np.vectorize(Decimal, otypes=[object])(m) for m in (move, shocks, sensor, noises)
+        )
+        process, noise = shocks @ shocks.T, noises @ noises.T
+        spread = process + np.eye(len(process), dtype=int) * process.max()
+        for _ in range(100):
+            seen, last = sensor @ spread, spread
+            told = seen.T @ solved_exactly(seen @ sensor.T + noise, seen)
+            spread = move @ (spread - told) @ move.T + process
+            spread = (spread + spread.T) / 2
+            if np.abs(spread - last).max() <= spread.max() * Decimal(10) ** -20:
+                return spread.astype(float)
+    return None
+
+
+@pytest.mark.parametrize("seed", [None, 122, 394, 896, 1014])  # all but the first were refused
+def test_worlds_of_scales_far_apart_with_singular_noises_have_their_filter(
+    seed: int | None, fresh_rng: np.random.Generator
+) -> None:
+    rng = fresh_rng if seed is None else np.random.default_rng(seed)
+    n = int(rng.integers(3, 6))
+    p = int(rng.integers(2, 2 * n))
+    states, sensors = 10.0 ** rng.uniform(-2.5, 2.5, (n, 1)), 10.0 ** rng.uniform(-2.5, 2.5, (p, 1))
+    move = rng.normal(size=(n, n)) * states / states.T
+    sensor = rng.normal(size=(p, n)) * sensors / states.T
+    shocks = rng.normal(size=(n, int(rng.integers(1, n)))) * states
+    noises = rng.normal(size=(p, int(rng.integers(1, p)))) * sensors
+    found = steady_filter(LinearGaussianWorld(move, shocks @ shocks.T, sensor, noises @ noises.T)).predicted_covariance
+    wanted = predicted_exactly(move, shocks, sensor, noises)
+    if wanted is not None:
+        scaled = wanted / states / states.T
+        np.testing.assert_allclose(found / states / states.T, scaled, rtol=0, atol=1e-7 * np.abs(scaled).max())
+    assert seed is None or wanted is not None
 
 
 def test_the_steady_filter_is_where_the_filter_goes(fresh_rng: np.random.Generator) -> None:

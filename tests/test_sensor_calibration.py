@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from fractions import Fraction
 from itertools import product
 
 import numpy as np
@@ -88,6 +89,22 @@ def test_the_likelihood_is_the_sum_over_all_paths(n_symbols: int, fresh_rng: np.
     for value, told in zip(found.grid[0], found.log_likelihoods[0], strict=True):
         assert told == pytest.approx(enumerated(sensor(value).probabilities, actions, states), abs=1e-12, rel=1e-12)
     assert found.log_likelihood == found.log_likelihoods.max()
+
+
+@pytest.mark.parametrize("rare", [0.1, 1e-6, 1e-9])
+def test_beliefs_that_are_nearly_certain_are_told_apart(rare: float) -> None:
+    """Against Bayes' rule in fractions along all sequences of symbols."""
+    sensor = np.array([[1.0 - 3.0 * rare, rare, 2.0 * rare], [0.125, 0.625, 0.25]])
+    sensor /= sensor.sum(axis=1, keepdims=True)
+    world = HiddenMarkovModel(TRANSITION, CategoricalEmission(sensor), [0.5, 0.5])
+    found = np.log(reachable_beliefs(world, 4))
+    exact, moves = np.vectorize(Fraction)(world.emission.probabilities), np.vectorize(Fraction)(world.transition)  # type: ignore[attr-defined]
+    for symbols in product(range(3), repeat=4):
+        predicted = np.array([Fraction(1, 2)] * 2)
+        for symbol in symbols:
+            belief = predicted * exact[:, symbol] / (predicted @ exact[:, symbol])
+            predicted = belief @ moves
+        assert np.abs(found - np.log(belief.astype(float))).max(axis=1).min() <= 1e-10
 
 
 def test_it_is_the_likelihood_of_the_inverse_filter() -> None:

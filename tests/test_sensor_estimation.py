@@ -139,6 +139,19 @@ def test_transitions_of_random_models_follow_from_beliefs_alone(
             assert error(read, sensor) <= 1e-5
 
 
+@pytest.mark.parametrize("seed", [5, 24, 36, 39])
+def test_noisy_beliefs_with_known_symbols_are_explained_by_the_world_behind_them(seed: int) -> None:
+    """Worlds whose transition by equations has zeros, which stay zeros; they were called inconsistent."""
+    rng = np.random.default_rng(seed)
+    transition, sensor = random_world(rng, 3, 3)
+    beliefs, symbols = path(transition, sensor, 300 if seed % 2 else 100, rng)
+    found = estimate_world(blurred(beliefs, 1e-3, rng), n_symbols=3, symbols=symbols)
+    assert found.is_identified
+    assert np.abs(found.world.transition - transition).max() <= 0.15
+    low, high = found.transition_intervals[..., 0], found.transition_intervals[..., 1]
+    assert ((low <= transition) & (transition <= high)).mean() >= 0.8
+
+
 def test_a_world_is_read_through_noise_with_intervals_by_bootstrap() -> None:
     rng = np.random.default_rng(4)
     beliefs, _ = path(TRANSITION, SENSOR, 300, rng)

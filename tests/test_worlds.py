@@ -219,6 +219,16 @@ class TestSampling:
         assert np.array_equal(one.observations, two.observations)
         assert one.observations.shape == (50, 2)
 
+    @pytest.mark.parametrize("n_dims", [1, 2, 7])
+    def test_the_order_of_columns_changes_no_draw(self, n_dims: int) -> None:
+        emission = gaussian_world(5, n_dims=n_dims).emission
+        assert isinstance(emission, GaussianEmission)
+        order = np.arange(n_dims)[::-1]
+        other = GaussianEmission(emission.means[:, order], emission.covariances[:, order][:, :, order])
+        states = np.arange(60) % 3
+        drawn, again = (each.sample(states, rng=np.random.default_rng(1)) for each in (emission, other))
+        np.testing.assert_allclose(again, drawn[:, order], rtol=0, atol=1e-12)
+
 
 class TestKept:
     @pytest.mark.parametrize("seed", range(20))

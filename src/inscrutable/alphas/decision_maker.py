@@ -203,8 +203,8 @@ class AlphaDecisionMaker:
         limit = self.limit
         if self.silence is not None and limit >= self.silence_regret:
             return silent_plan(self.silence, self.theta, self.weights, is_error)
-        if self.world is None:
-            return plan_once(self.theta, self.moves.innovation, limit, self.weights, is_error)
+        if self.silence is not None and not self.moves.transition.any():  # every mean is independent of those before
+            return plan_once(self.theta, self.silence, limit, self.weights, is_error)
         return plan_over_time(self.moves, self.theta, limit, self.weights, is_error)
 
     @property

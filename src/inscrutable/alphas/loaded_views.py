@@ -143,7 +143,7 @@ class LoadedViews(ViewSet):
         if self._misfit > tolerances.EXPLAINED:
             return False
         apart = self._loads @ (mean - self.nearest(mean))
-        scale = max(self._scale, float(np.abs(self._loads @ mean).max()))
+        scale = max(self._scale, float((np.abs(self._loads) @ np.abs(mean)).max()))
         return bool(np.abs(apart).max() <= 2.0 * tolerances.EXPLAINED * scale)
 
 

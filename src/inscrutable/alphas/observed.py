@@ -59,6 +59,8 @@ class Moves:
 
     def silence(self) -> Array | None:
         """Return the error covariance (n,n) of an observer who sees no decision; None where it grows without bound."""
+        if not self.transition.any():
+            return self.predicted(np.zeros_like(self.innovation))[0]
         if self.radius < 1.0 - tolerances.STABLE and not len(self.public_sensor):
             return np.asarray(solve_discrete_lyapunov(self.transition, self.innovation))
         if not len(self.public_sensor):

@@ -172,8 +172,8 @@ class FreeViews(ViewSet):
         levels, apart = np.zeros(len(rows)), mean - self._center
         if len(rows):
             levels = _levels(apart, rows, n_free, low, high)
-        left = _cut(apart - rows.T @ levels, low, high)
-        return np.asarray(mean - left)
+        explained = self._center + rows.T @ levels
+        return np.where(_cut(mean - explained, low, high) == 0.0, mean, explained)
 
 
 def _cut(left: Array, low: np.ndarray, high: np.ndarray) -> Array:

@@ -146,7 +146,8 @@ def public_world(beside: BesideReturns, world: HiddenMarkovModel, market: Return
     else:
         raise InputError(f"public must be none, market, all or one of the assets {assets}, got {beside.public!r}")
     part = PublicPart(pd.DataFrame([weights], columns=assets))
-    return _cut(said, world, part, pd.Series(market.returns.to_numpy() @ weights, market.returns.index), market)
+    parts = np.sort(market.returns.to_numpy() * weights, axis=1)  # their sum is the same in any order of the assets
+    return _cut(said, world, part, pd.Series(parts.sum(axis=1), market.returns.index), market)
 
 
 def investors_world(public: PublicWorld, world: HiddenMarkovModel) -> HiddenMarkovModel:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from inscrutable import tolerances, validation
+from inscrutable import validation
 from inscrutable.errors import InputError, ModelError
-from inscrutable.geometry.equal_rows import first_equal
+from inscrutable.mechanisms.same_actions import equal_beliefs
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 from inscrutable.worlds.public import joint_symbols
@@ -15,8 +15,8 @@ from inscrutable.worlds.public import joint_symbols
 def reachable_beliefs(world: HiddenMarkovModel, n_steps: int, *, limit: int = 20_000) -> Array:
     """Return every belief that a world's filter can reach within its first observations.
 
-    Formula: {π_t : t < n_steps, y_0..t of positive probability}; beliefs that agree to `tolerances.REACHED_BELIEF` are one.
-    A mechanism on these beliefs makes `SequentialAdversary` exact.
+    Formula: {π_t : t < n_steps, y_0..t of positive probability}; beliefs are one whose probabilities agree to
+    `tolerances.REACHED_BELIEF`, as a share of each. A mechanism on these beliefs makes `SequentialAdversary` exact.
 
     Args:
         world: A world whose sensor, and the public one where there is one, is a `CategoricalEmission`; Y symbols or pairs.
@@ -52,7 +52,7 @@ def reachable_beliefs(world: HiddenMarkovModel, n_steps: int, *, limit: int = 20
         total = joint.sum(axis=1, keepdims=True)
         reached = joint[total[:, 0] > 0] / total[total[:, 0] > 0]
         everything = np.vstack([found, reached])
-        kept = np.unique(first_equal(everything, tolerances.REACHED_BELIEF))
+        kept = np.unique(equal_beliefs(everything))
         fresh = everything[kept[kept >= len(found)]]
         found = everything[kept]
         if len(found) > most:

@@ -1,4 +1,4 @@
-"""Which decisions are indistinguishable to an observer."""
+"""Which decisions are indistinguishable to an observer, and which beliefs are one."""
 
 from __future__ import annotations
 
@@ -29,3 +29,8 @@ def first_same(actions: Array, tolerance: float = tolerances.SAME_ACTION) -> np.
     earliest = np.full(group.max() + 1, len(actions))
     np.minimum.at(earliest, group, apart)
     return np.asarray(earliest[group[np.searchsorted(apart, first)]])
+
+
+def equal_beliefs(beliefs: Array) -> np.ndarray:
+    """Return for each belief the first equal one; small probabilities are compared in relative terms."""
+    return first_same(np.log(np.maximum(beliefs, tolerances.TINY)), tolerances.REACHED_BELIEF)

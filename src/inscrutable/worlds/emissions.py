@@ -191,12 +191,17 @@ class GaussianEmission:
         return np.asarray(gaussian_log_densities(rows, self.means.copy(), self._factors))
 
     def sample(self, states: ArrayLike, *, rng: np.random.Generator) -> Array:
-        """Draw a vector for each state of a path (T,): means[x_t] + L z with L L' = covariances[x_t]; (T,D)."""
+        """Draw a vector for each state of a path (T,): means[x_t] + L z with L L' = covariances[x_t]; (T,D).
+
+        L is triangular by rising variance, so that what is simulated does not depend on the order of the dimensions.
+        """
         path = symbols(states, self.n_states, "states")
+        order = np.lexsort(np.vstack([self.means, np.diagonal(self.covariances, axis1=1, axis2=2)]))
+        factors = np.linalg.cholesky(self.covariances[:, order][:, :, order])
         drawn = validation.generator(rng).standard_normal((path.size, self.n_dims))
         for state in range(self.n_states):
             rows = path == state
-            drawn[rows] = self.means[state] + drawn[rows] @ self._factors[state].T
+            drawn[np.ix_(rows, order)] = self.means[state, order] + drawn[rows] @ factors[state].T
         return drawn
 
     def to_dict(self) -> dict[str, Any]:

@@ -10,10 +10,13 @@ from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.axes import Axis, Names
-from inscrutable.errors import InputError
+from inscrutable.errors import InputError, ModelError
 from inscrutable.validation import Array
 from inscrutable.worlds.kalman import KalmanResult, kalman_filter
 from inscrutable.worlds.linear_gaussian import LinearGaussianWorld, at
+
+_BLIND = "the agent's sensor is zero (it is blind), so that its estimates follow from the world alone"
+_NOISELESS = "the agent observes without noise, so that its estimates follow from the states, which are given"
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +87,8 @@ def inverse_kalman_filter(
 
     Raises:
         InputError: Shapes or labels disagree, or the world has a public sensor.
-        ModelError: The observations have no density: a column is known without noise from the others.
+        ModelError: What is seen of the estimates has no density, as where a blind agent's are seen without noise; or what the
+            agent observes has none.
 
     Cost: O(T n³).
 
@@ -105,13 +109,25 @@ def inverse_kalman_filter(
     rows = _rows(seen, len(seeing.matrix), "seen", (steps, told))
     gains = _gains(world, len(rows))
     if states is None:
-        return kalman_filter(_joint_world(world, gains, seeing), rows)
+        return _seen(_joint_world(world, gains, seeing), rows, "" if gains.any() else _BLIND)
     path = _rows(states, n, "states", (steps, columns))
     if len(path) != len(rows) or not np.isfinite(path).all():
         raise InputError(f"states must be {len(rows)} finite rows, one per row seen, got {len(path)}")
     drift = _drift(world, gains, path)
-    found = kalman_filter(_estimate_world(world, gains, seeing), rows - drift @ seeing.matrix.T)
+    certain = "" if _blurs(world, gains).any() else _NOISELESS if gains.any() else _BLIND
+    found = _seen(_estimate_world(world, gains, seeing), rows - drift @ seeing.matrix.T, certain)
     return KalmanResult(found.means + drift, found.covariances, found.log_likelihood)
+
+
+def _seen(world: LinearGaussianWorld, rows: Array, certain: str) -> KalmanResult:
+    """Return the filter of what is seen of an agent's estimates, or raise an error that says why it has no density."""
+    try:
+        return kalman_filter(world, rows)
+    except ModelError:
+        raise ModelError(
+            "what is seen of the agent's estimates has no density: "
+            f"{certain or 'a part of it follows from the rest without noise'}; give the view noise, LinearView(matrix, noise)"
+        ) from None
 
 
 def _rows(given: Any, n_columns: int, name: str, axes: tuple[Axis, Axis]) -> Array:
@@ -126,7 +142,10 @@ def _rows(given: Any, n_columns: int, name: str, axes: tuple[Axis, Axis]) -> Arr
 def _gains(world: LinearGaussianWorld, n_steps: int) -> Array:
     """Return K_t of every step, shape (T,n,p); the gains do not depend on the observations."""
     nothing = np.zeros((n_steps, world.sensor.shape[-2]))
-    later = kalman_filter(world, nothing).covariances
+    try:
+        later = kalman_filter(world, nothing).covariances
+    except ModelError as error:
+        raise ModelError(f"the agent has no filter of its own: {error}") from None
     found = []
     for t in range(n_steps):
         before = world.initial.covariance

@@ -32,7 +32,8 @@ _SEED = 0
 _EVEN = 0.5
 """Share of a uniform transition in the second start of the joint fit, whose sensor has the symbols' frequencies in every state.
 Of 48 drawn worlds with errors of 1e-9 to 1e-3 the joint fit is as good as from the true world in 28 from the separate fits
-alone, in 44 from this start, and in 30 where its transition is the fitted one."""
+alone, in 44 from this start, and in 30 where its transition is the fitted one. With known symbols and errors of 1e-3 a world
+of three states was called inconsistent in 5 of 40 draws from its own transition, where zeros stay zeros, and in 1 from both."""
 
 _AS_GOOD = 1.2
 """Squared error of the joint fit, over that without sums, up to which a filter explains the beliefs. Of 27 drawn worlds with
@@ -133,10 +134,16 @@ def _whole(held: Array, symbols: np.ndarray, transition: Array, fit: SensorFit, 
     steps = held[:-1], held[1:], symbols
     free = jointly(*steps, transition, fit.groups.columns)
     often = np.bincount(symbols[symbols >= 0], minlength=count) / np.count_nonzero(symbols >= 0)
-    flat = _EVEN / len(transition) + (1.0 - _EVEN) * transition, np.tile(often[:, None], len(transition))
+    flat = _evened(transition), np.tile(often[:, None], len(transition))
     starts = (transition, fit.probabilities.T), flat
     best = min((jointly(*steps, *start, is_sensor=True) for start in starts), key=lambda each: each.loss)
     return best if best.loss <= _AS_GOOD * free.loss else None
+
+
+def _evened(transition: Array) -> Array:
+    """Return a transition's rows mixed with uniform ones."""
+    shares = transition / transition.sum(axis=1, keepdims=True)
+    return np.asarray(_EVEN / len(shares) + (1.0 - _EVEN) * shares)
 
 
 def _judged(held: Array, found: JointFit, fit: SensorFit) -> SensorStatus:
@@ -180,7 +187,7 @@ def _guess(
     """Return the best transition and its fit; None where the steps are too few or do not determine one."""
     if told is not None:
         chain, _ = of_symbols(before, held, told)
-        candidates = [] if chain is None else [np.maximum(chain, 0.0)]
+        candidates = [] if chain is None else [np.maximum(chain, 0.0), _evened(np.maximum(chain, 0.0))]
     elif len(before) < steps_needed(before.shape[1]) + 2:
         candidates = []
     else:

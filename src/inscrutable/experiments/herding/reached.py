@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inscrutable import tolerances
 from inscrutable.experiments.herding.decisions import Deciding, sums_at
 from inscrutable.experiments.herding.results import SocialLearning, found_of
-from inscrutable.mechanisms.same_actions import first_same
+from inscrutable.mechanisms.same_actions import equal_beliefs
 from inscrutable.validation import Array
 
 
@@ -46,11 +45,6 @@ class _Graph:
         inside = joint[self.cascade]
         right = float((inside * self.settled[self.cascade]).sum())
         return np.array([right, float(inside.sum()) - right, float(joint[~self.cascade].sum())])
-
-
-def equal_beliefs(beliefs: Array) -> np.ndarray:
-    """Return for each belief the first equal one; small probabilities are compared in relative terms."""
-    return first_same(np.log(np.maximum(beliefs, tolerances.TINY)), tolerances.REACHED_BELIEF)
 
 
 def reached(agents: Sequence[Deciding], prior: Array, most: int) -> SocialLearning | None:

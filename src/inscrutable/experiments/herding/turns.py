@@ -13,11 +13,12 @@ from inscrutable import validation
 from inscrutable.decision_makers import OriginalDecisionMaker
 from inscrutable.errors import InputError
 from inscrutable.experiments.herding.decisions import Deciding, TurnOutcomes
-from inscrutable.experiments.herding.reached import equal_beliefs, reached
+from inscrutable.experiments.herding.reached import reached
 from inscrutable.experiments.herding.results import HerdStatus, Simulation, SocialLearning, found_of
 from inscrutable.experiments.herding.signals import signals_of
 from inscrutable.mechanisms.drawing import RowDraws
 from inscrutable.mechanisms.played import PlaysMany, checked_memoryless
+from inscrutable.mechanisms.same_actions import equal_beliefs
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 from inscrutable.worlds import Emission

@@ -122,6 +122,8 @@ def test_affordable_beliefs_are_those_of_a_grid(seed, sign, share):
         assert len(found.pieces) == (1 if values[[0, -1]].min() >= 0 and sign == "positive" else 2)
         if inside.any():
             assert not found.is_empty
+            assert sum(found.center()) == pytest.approx(1.0)
+            assert found.center() == pytest.approx([np.mean(column) for column in found.vertices().T])
             bounds = found.bounds()
             assert (bounds[:, 0] <= GRID[inside].min(axis=0) + 1e-6).all()
             assert (bounds[:, 1] >= GRID[inside].max(axis=0) - 1e-6).all()

@@ -130,8 +130,8 @@ def test_prices_are_the_returns_between_their_rows(folder: Path, capsys: pytest.
 @pytest.mark.parametrize(
     ("more", "code", "said"),
     [
-        (("--risk-aversion", "0"), 2, "--risk-aversion must be above 0"),
-        (("--risk-aversion", "1", "--reference", "Tin"), 2, "--reference: no asset is called 'Tin'"),
+        (("--risk-aversion", "0"), 3, "--risk-aversion must be above 0"),
+        (("--risk-aversion", "1", "--reference", "Tin"), 3, "--reference: no asset is called 'Tin'"),
         (("--risk-aversion", "1", "--regret", "5bp", "--digits", "2"), 2, "not both"),
         (("--risk-aversion", "1", "--factors", "2"), 2, "--factors belongs to --returns"),
         (("--risk-aversion", "1", "--regret", "few"), 2, "is not a number"),

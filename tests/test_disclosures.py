@@ -553,7 +553,7 @@ def test_the_verb_writes_a_table_and_a_picture(tmp_path: Any, capsys: pytest.Cap
     assert {"disclosures.csv", "disclosures.png", "disclosures.svg", "summary.json"} <= {
         each.name for each in out.iterdir()
     }
-    assert main([*asked, "--disclosures", "sometimes()"]) == 2
+    assert main([*asked, "--disclosures", "sometimes()"]) == 3
 
 
 @pytest.mark.usefixtures("coarse")

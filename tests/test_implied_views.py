@@ -249,6 +249,7 @@ def test_what_rounded_weights_say_holds_all_that_rounds_to_them(name: str, fresh
         views = implied_views(problem, shown, digits=2, reference=1)
         assert views.status is ViewStatus.OUTER
         assert views.contains(mean)
+        assert views.plausibility_gap == 0.0
         full = np.eye(N) if loads is None else loads
         found = 0
         for _ in range(60):

@@ -411,6 +411,18 @@ def test_kept_draws_tell_nothing_more_while_the_belief_stays() -> None:
     assert kept.decide(prior.beliefs[3]).expected_regret == maker.decide(prior.beliefs[3]).expected_regret
 
 
+def test_draws_of_a_maker_that_says_nothing_of_memory_are_kept() -> None:
+    class Own:
+        problem = FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
+        decide_many = staticmethod(CoinDecisionMaker(problem, 0.4, decoy=[0.9, 0.1]).decide_many)
+
+    kept = KeptDecisionMaker(Own())
+    assert kept.decide([0.2, 0.8]).expected_regret == pytest.approx(0.4 * 0.6)
+    Own.is_memoryless = False  # type: ignore[attr-defined]
+    with pytest.raises(InputError, match="present belief alone"):
+        KeptDecisionMaker(Own())
+
+
 def test_kept_draws_by_every_path_of_beliefs_and_draws() -> None:
     """The rule as it is said: a new draw where the belief changed, the old decision where it did not."""
     rng = np.random.default_rng(1)

@@ -362,7 +362,7 @@ VERBS = {
     "regimes twice": ("backtest --model M --regimes 3", 2, "the model gives its own"),
     "a backtest with turnover": ("backtest --turnover 0.2 --disclosure every(3)", 3, "leave out the disclosure"),
     "other assets than the returns'": ("backtest --model M", 3, "asset labels"),
-    "a riskless rate of several columns": ("backtest --riskless R", 2, "expected one"),
+    "a riskless rate of several columns": ("backtest --riskless R", 3, "expected one"),
     "a riskless rate in percent": ("backtest --riskless P", 3, "divide percentages by 100"),
     "a backtest of an unknown asset": ("backtest --model N", 3, "'Gold'"),
     "a folder as the model": ("backtest --model .", 3, "folder"),

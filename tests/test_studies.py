@@ -317,7 +317,7 @@ def test_a_task_that_fails_is_a_row_and_the_others_are_done(tmp_path: Path, caps
     out = tmp_path / "out"
     assert cli.main(["study", "run", str(plan), "--out", str(out)]) == 1
     said = capsys.readouterr()
-    assert "4 of 8 tasks done, 4 failed" in said.out
+    assert "4 of 8 tasks done, 4 failed, 0 left" in said.out
     assert "4 failed" in said.err
     assert "ModelError: no decision satisfies all constraints" in said.err
     frame = Study.load(out).frame()

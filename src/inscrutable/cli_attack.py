@@ -11,17 +11,7 @@ from cyclopts import Parameter
 
 from inscrutable.cli_console import Speech, replaced, show_table
 from inscrutable.cli_limits import WeightOptions, one_row, weights_of
-from inscrutable.cli_values import (
-    AT_LEAST_0,
-    DATA,
-    Out,
-    RuleName,
-    UsageError,
-    Whole,
-    budget_of,
-    saying,
-    writable_folder,
-)
+from inscrutable.cli_values import AT_LEAST_0, DATA, Out, RuleName, UsageError, Whole, budget_of, writable_folder
 
 if TYPE_CHECKING:
     from inscrutable.experiments.attack import Attack
@@ -154,9 +144,12 @@ def _check_together(normalise: bool, map_: Path | None, digits: int | None, regr
 def _regret_of(text: str) -> float:
     """Return the regret of "5bp" or "regret:0.0005"; a plain number would be a share of the optimal cost."""
     from inscrutable.budgets import Budget, written_budget
+    from inscrutable.errors import InputError
 
-    with saying("--regret"):
+    try:
         found = written_budget(text)
+    except InputError as error:
+        raise UsageError(f"--regret: {error}") from None
     if not isinstance(found, Budget) or found.is_relative:
         raise UsageError(f"--regret {text}: expected a regret such as 5bp or regret:0.0005, in the cost's unit")
     return found.amount

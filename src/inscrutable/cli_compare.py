@@ -53,7 +53,7 @@ def compare(
         resolution: Beliefs are multiples of 1/resolution, predicted one step ahead; 30 gives up to 496 for three regimes.
         rival: TOML file whose [problem] is a rival's decision problem; adds the worth of the belief and of decisions to that
             rival.
-        budgets: Expected regrets: 0.05,0.1 are shares of |c*|, the size of the optimal cost; silence:0.25,0.5,1 are
+        budgets: Expected regrets, ascending: 0.05,0.1 are shares of |c*|, the size of the optimal cost; silence:0.25,0.5,1 are
             shares of the silence regret, which is that of the best constant decision; regret:0.001,0.002 are in the cost's
             unit.
         makers: The decision makers to compare, by the table's names, such as CDM,PDM,rate-distortion. Default: all.

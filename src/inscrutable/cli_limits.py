@@ -45,6 +45,7 @@ class WeightOptions:
 
     def part(self) -> LimitsPart:
         """Return the limits as a section of a model file."""
+        from inscrutable.errors import InputError
         from inscrutable.experiments.own_model import LimitsPart
 
         given: dict[str, Any] = {
@@ -54,7 +55,11 @@ class WeightOptions:
         }
         if self.sectors is not None:
             given["sectors"] = str(self.sectors.resolve())
-        return LimitsPart(**given)
+        try:
+            return LimitsPart(**given)
+        except InputError as error:
+            key, _, rest = str(error).partition(":")
+            raise UsageError(f"--{key.partition('.')[0].replace('_', '-')}:{rest}") from None
 
 
 def share_of(text: str, option: str) -> float:

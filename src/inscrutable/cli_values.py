@@ -37,7 +37,7 @@ _ARGUMENT = re.compile(r"(?:study, key |.*, key constraints: )?(?:n_)?([a-z]\w*)
 
 @contextmanager
 def blaming(tokens: Sequence[str]) -> Iterator[None]:
-    """Turn an error about an argument into wrong usage of the option that gave it, or name the file that the option gave."""
+    """Name the option that gave an argument in an error about it, or the file that the option gave."""
     try:
         yield
     except (InputError, ModelError) as error:
@@ -51,16 +51,16 @@ def blaming(tokens: Sequence[str]) -> Iterator[None]:
             raise (error if value in said else type(error)(f"{value}: {said}")) from None
         if isinstance(error, ModelError):
             raise
-        raise UsageError(f"{option}{said[begun.end() :]}") from None
+        raise InputError(f"{option}{said[begun.end() :]}") from None
 
 
 @contextmanager
 def saying(option: str) -> Iterator[None]:
-    """Turn an error about an option's value into wrong usage that names the option."""
+    """Name the option in an error about its value."""
     try:
         yield
     except InputError as error:
-        raise UsageError(f"{option}: {error}") from None
+        raise InputError(f"{option}: {error}") from None
 
 
 def disclosure_of(text: str, option: str = "--disclosure") -> str:
@@ -81,18 +81,23 @@ def _given_to(option: str, tokens: Sequence[str]) -> str | None:
     return found
 
 
-def budget_of(text: str, speech: Speech | None = None) -> Budget | SilenceShare:
+def budget_of(text: str, speech: Speech | None = None, option: str = "--budget") -> Budget | SilenceShare:
     """Return the budget of "0.1", "10%", "5bp", "regret:0.002" or "silence:0.5"; an unusual value gives a warning."""
-    from inscrutable.budgets import written_budget
+    from inscrutable.budgets import is_budget, written_budget
 
-    found = written_budget(text)
+    try:
+        found = written_budget(text)
+    except InputError as error:
+        if is_budget(text):
+            raise
+        raise UsageError(f"{option}: {error}") from None
     if speech is not None and found.remark:
-        speech.log(f"--budget {text}: {found.remark}")
+        speech.log(f"{option} {text}: {found.remark}")
     return found
 
 
 def budgets_of(text: str) -> tuple[Any, tuple[float, ...]]:
-    """Return the unit and the rising numbers of "0.05,0.1" (shares of |c*|), "silence:0.5,1" or "regret:0.002"."""
+    """Return the unit and the numbers of "0.05,0.1" (shares of |c*|), "silence:0.5,1" or "regret:0.002"."""
     from inscrutable.budgets import Budget, written_budget
 
     kind, separator, amounts = text.rpartition(":")
@@ -106,7 +111,7 @@ def budgets_of(text: str) -> tuple[Any, tuple[float, ...]]:
     units = {"silence" if not isinstance(each, Budget) else "cost" if each.is_relative else "regret" for each in found}
     if len(units) > 1:
         raise UsageError(f"--budgets {text}: expected one unit for all, got {' and '.join(sorted(units))}")
-    return units.pop(), tuple(sorted(each.amount if isinstance(each, Budget) else each.share for each in found))
+    return units.pop(), tuple(each.amount if isinstance(each, Budget) else each.share for each in found)
 
 
 def amount_of(text: str, option: str) -> float:

@@ -63,7 +63,7 @@ class RoundedViews(ViewSet):
 
     @property
     def gap(self) -> float:
-        """NaN: the unrounded decision is not known."""
+        """0 where a decision of C rounds to the weights, else infinite."""
         return 0.0 if self._is_possible else np.inf
 
     def signal_bounds(self, reference: Array | None, wanted: np.ndarray) -> Array:

@@ -21,13 +21,16 @@ from scipy.optimize import linprog
 
 import browser
 from inscrutable import (
+    BayesianAdversary,
     Budget,
     InputError,
     MarkowitzProblem,
     NonExistence,
+    OriginalDecisionMaker,
     cli,
     cli_console,
     consistent_beliefs,
+    mechanism,
     uniform_prior,
 )
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
@@ -348,15 +351,18 @@ def test_observer_who_knows_the_method_knows_the_budget_as_well(by_regret: Backt
 
 
 def test_without_a_budget_all_observers_read_the_optimal_decision(found: Backtest, page: Path) -> None:
-    data = data_of(page)
+    data, aware = data_of(page), found.aware
+    assert aware is not None
     assert data["amounts"][0] == 0
+    optimal = mechanism(OriginalDecisionMaker(found.problem), aware.prior.beliefs)
+    actions = found.episode.records["ODM"].decisions.action
+    expected = BayesianAdversary(optimal, aware.prior).estimates(actions, nearest=8)
     for name in ("CDM", "PDM"):
-        for step in range(len(found.beliefs)):
-            (atom,), _, aware = data["played"][name][0][step]
-            assert atom[2] == pytest.approx(0.0, abs=1e-9)
-            if atom[3] < 1e-6:
-                assert found.aware is not None
-                assert aware == pytest.approx(found.aware.estimates["ODM"][step], abs=0.05)
+        played = [data["played"][name][0][step] for step in range(len(found.beliefs))]
+        assert [atom[2] for (atom,), _, _ in played] == pytest.approx([0.0] * len(played), abs=1e-9)
+        read = [(step, estimate) for step, ((atom,), _, estimate) in enumerate(played) if atom[3] < 1e-6]
+        steps, estimates = zip(*read, strict=True)
+        np.testing.assert_allclose(estimates, expected[list(steps)], atol=1e-4)
 
 
 def test_long_backtests_are_thinned(found: Backtest) -> None:

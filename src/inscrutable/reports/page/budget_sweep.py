@@ -12,6 +12,7 @@ import numpy as np
 from inscrutable.adversaries import BayesianAdversary
 from inscrutable.decision_makers import Frontier, privacy_frontier
 from inscrutable.experiments.backtest_results import Backtest
+from inscrutable.experiments.cell_mechanism import N_NEAREST
 from inscrutable.geometry import BeliefSet
 from inscrutable.mechanisms import mechanism
 from inscrutable.problems import DecisionProblem
@@ -23,10 +24,6 @@ MULTIPLES = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0)
 
 _WITHOUT = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5)
 """Budgets as shares of |c*| (of its mean for a budget of regret), if the backtest's own budget is zero."""
-
-_NEAREST = 4
-"""Number of nearest played decisions as which the aware observer reads an observed one. Over 36 random markets of three and
-four states its error is .41 of that without decisions; with one it is .47, with eight .41."""
 
 SINGLE, LOTTERY = "CDM", "PDM"
 _CHILD_OF_SEED = 4
@@ -210,7 +207,7 @@ class BudgetSweep:
         own = self._optimal_of_prior
         maker = _AtBudget(result.problem, result.candidates.actions, own, atoms)
         played = mechanism(maker, aware.prior.beliefs)
-        return BayesianAdversary(played, aware.prior).estimates(actions, nearest=_NEAREST)
+        return BayesianAdversary(played, aware.prior).estimates(actions, nearest=N_NEAREST)
 
     @cached_property
     def _optimal_of_prior(self) -> Array:

@@ -34,6 +34,7 @@ from inscrutable import (
     steady_filter,
 )
 from inscrutable.alphas.error_law import ErrorLaw
+from inscrutable.alphas.factored_law import FactoredErrorLaw
 from inscrutable.alphas.observed import Moves
 from inscrutable.alphas.one_decision import filled
 from inscrutable.alphas.over_time import least_bits, most_error_over_time
@@ -212,15 +213,20 @@ def test_filling_is_exact_at_its_edges() -> None:
 
 
 @pytest.mark.parametrize("with_budget_row", [False, True])
-def test_a_prior_of_the_risks_own_factors_is_as_the_dense_one(with_budget_row: bool) -> None:
+@pytest.mark.parametrize(("specific_share", "budget"), [(0.02, 0.4), (1.0, 0.03)])
+def test_a_prior_of_the_risks_own_factors_is_as_the_dense_one(
+    with_budget_row: bool, specific_share: float, budget: float
+) -> None:
     rng = np.random.default_rng(FRESH_SEED)
     n, k = 30, 3
     exposures, specific = rng.standard_normal((n, k)), rng.uniform(0.01, 0.04, n)
     risk = FactorRisk(exposures, 0.04 * np.eye(k), specific)
-    prior = FactorRisk(exposures, covariance(rng, k), 0.02 * specific)
+    prior = FactorRisk(exposures, covariance(rng, k), specific_share * specific)
     rows = Polyhedron(A_eq=np.ones((1, n)), b_eq=[1.0]) if with_budget_row else None
     problem = AlphaProblem(risk, 3.0, rows)
-    few, dense = (AlphaDecisionMaker(problem, 0.4, prior_covariance=each) for each in (prior, prior.dense()))
+    few, dense = (AlphaDecisionMaker(problem, budget, prior_covariance=each) for each in (prior, prior.dense()))
+    assert isinstance(few.plan.law, FactoredErrorLaw)
+    assert few.plan.law.share < 1.0 or budget == 0.4  # what is outside the factors is hidden in part
     assert few.bits == pytest.approx(dense.bits, rel=1e-9), FRESH_SEED
     assert few.regret == pytest.approx(dense.regret, rel=1e-9)
     assert few.error == pytest.approx(dense.error, rel=1e-9)
@@ -233,6 +239,16 @@ def test_a_prior_of_the_risks_own_factors_is_as_the_dense_one(with_budget_row: b
     shown = few.plan.law.message(np.eye(n), np.random.default_rng(0))
     shown = shown - few.plan.law.message(np.zeros((n, n)), np.random.default_rng(0))
     np.testing.assert_allclose(shown.T, told @ np.linalg.inv(prior.dense()), atol=1e-8)
+
+
+def test_a_prior_of_other_specific_variances_is_as_the_dense_one() -> None:
+    rng = np.random.default_rng(FRESH_SEED)
+    exposures, specific = rng.standard_normal((8, 2)), rng.uniform(0.01, 0.04, 8)
+    problem = AlphaProblem(FactorRisk(exposures, 0.04 * np.eye(2), specific), 3.0)
+    prior = FactorRisk(exposures, covariance(rng, 2), specific * np.linspace(1.0, 3.0, 8)[::-1])
+    few, dense = (AlphaDecisionMaker(problem, 0.1, prior_covariance=each) for each in (prior, prior.dense()))
+    assert few.bits == pytest.approx(dense.bits, rel=1e-9), FRESH_SEED
+    np.testing.assert_allclose(few.error_covariance, dense.error_covariance, atol=1e-9)
 
 
 def test_draws_are_the_same_for_every_choice_of_eigenvectors() -> None:

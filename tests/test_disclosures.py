@@ -125,6 +125,8 @@ def test_text_and_tables_say_the_same() -> None:
     assert str(Disclosure()) == "exact"
     assert Disclosure.of("exact") == Disclosure.of(None) == Disclosure()
     assert ins.form_13f().schedule == ins.n_port().schedule == (ins.every(3, 2) | ins.delayed(2)).schedule
+    assert "1 step late" in Disclosure.of("delayed(1)").summary()
+    assert "2 steps late" in Disclosure.of("delayed(2)").summary()
     assert "45 days" in ins.form_13f().summary()
     assert "February 2026" in ins.n_port().summary()
 

@@ -121,6 +121,7 @@ def test_empty_sets_answer_every_query():
     assert nobody.dimension == -1
     assert np.isnan(nobody.nearest([0.5, 0.5])).all()
     assert np.isnan(nobody.bounds()).all()
+    assert nobody.bounds().shape == (2, 2)
     assert np.isnan(nobody.center()).all()
     assert not nobody.contains([0.5, 0.5])
     assert nobody.residual == pytest.approx(1.0)

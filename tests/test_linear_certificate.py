@@ -359,3 +359,5 @@ def test_a_proven_lottery_tries_the_places_that_the_best_mixture_leaves_out():
     mixed = ProbabilisticDecisionMaker(problem, budget=budget, candidates=coarse, certify=0.01).decide(belief)
     assert mixed.expected_privacy > 0.36
     assert mixed.expected_regret <= budget.amount * (1 + 1e-9)
+    costs = [problem.expected_cost(belief, action) for action in mixed.actions]
+    assert mixed.expected_cost == pytest.approx(float(mixed.probabilities @ costs), abs=1e-9)

@@ -320,6 +320,7 @@ def test_the_best_probe_gives_the_estimates_that_scatter_least() -> None:
 def test_a_gaussian_sensor_is_read_by_particles() -> None:
     rng = np.random.default_rng(2)
     family = SensorFamily.gaussian_spread([[0.0], [1.0]], [[0.2, 2.0]])
+    np.testing.assert_allclose(family(0.6).covariances, np.full((2, 1, 1), 0.36))
     world = HiddenMarkovModel(TRANSITION, family(0.6))
     states, actions = rng.integers(2, size=(2, 15 if audited() else 8))
     found, again = (

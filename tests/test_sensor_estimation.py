@@ -246,7 +246,9 @@ def test_zeros_of_the_sensor_are_found_and_beliefs_that_stand_still_say_nothing(
     assert found.is_identified
     assert error(found.probabilities, sensor) <= 1e-12
     certain = np.tile([1.0, 0.0, 0.0], (10, 1))
-    assert estimate_sensor(certain, np.eye(3)).status is SensorStatus.ZEROS
+    nothing = estimate_sensor(certain, np.eye(3))
+    assert nothing.status is SensorStatus.ZEROS
+    assert (nothing.intervals == [0.0, 1.0]).all()
     assert estimate_world(np.tile([0.5, 0.3, 0.2], (100, 1)), n_symbols=2).status is SensorStatus.DEGENERATE
 
 

@@ -93,15 +93,15 @@ def test_figures_are_those_of_the_library(tmp_path: Path) -> None:
     """The same mechanism built by hand, on the market that the task's stream draws."""
     plan = SMALL | {
         "repeats": 2,
-        "beliefs": {"kind": "grid", "resolution": 4},
+        "beliefs": {"kind": "grid", "resolution": [3, 4]},
         "candidates": {"kind": "actions", "resolution": 6},
         "decision_makers": ["ODM", "PDM"],
         "adversaries": ["bayesian"],
     }
     study = run_study(Study.of(plan), tmp_path)
     frame = study.frame()
-    prior = uniform_prior(3, 4)
-    for repeat in (0, 1):
+    for repeat, resolution in ((0, 3), (1, 4)):
+        prior, some_rows = uniform_prior(3, resolution), frame[frame["beliefs.resolution"] == resolution]
         rng = study.grid.stream("world", (0, 0, 0, 0, repeat, 0, 0), ("world", "repeat"))
         problem = random_market(rng=rng).problem
         candidates = action_grid(problem, 6)
@@ -112,7 +112,7 @@ def test_figures_are_those_of_the_library(tmp_path: Path) -> None:
         }
         for (name, budget), maker in makers.items():
             told = leakage(mechanism(maker, prior.beliefs), prior, problem)
-            rows = frame[(frame["decision_maker"] == name) & (frame["repeat"] == repeat)]
+            rows = some_rows[(some_rows["decision_maker"] == name) & (some_rows["repeat"] == repeat)]
             row = rows.iloc[0] if budget is None else rows[rows["budget"] == budget].iloc[0]
             found = row[["error", "expected_regret", "mutual_information"]].astype(float)
             assert_allclose(

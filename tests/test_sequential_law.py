@@ -53,5 +53,6 @@ def test_the_law_that_the_rule_keeps_is_the_observers(share: float, fresh_rng: n
     found = SequentialAdversary(chain, maker).filter(np.array(actions))
     np.testing.assert_allclose(found.weights, kept, atol=1e-12)
     assert np.abs(kept[0] - chain.prior.weights).max() > 1e-3
-    told = path_leakage(chain, maker, 6, rng=rng, n_draws=20)
+    told = path_leakage(chain, maker, 2, rng=rng, n_draws=2000)
+    assert (told.error_se == 0.0).all()  # every sequence: of sampled ones the average may lie above
     assert (told.bayes_error <= told.prior_error + 1e-9).all()

@@ -160,5 +160,8 @@ def _as_rows(mixture: PointMixture, n_points: int) -> sparse.csr_array:
 
 def _summed(rows: sparse.csr_array, shares: Array, n_points: int) -> sparse.csr_array:
     """Σ_y shares_y W_y for rows (B·Y,B) of W."""
-    weights = sparse.kron(sparse.eye_array(n_points), shares[None], format="csr")
-    return sparse.csr_array(weights @ rows)
+    held = rows.tocoo()
+    point, symbol = np.divmod(held.row, len(shares))
+    some = shares[symbol] > 0.0
+    entries = (held.data * shares[symbol])[some]
+    return sparse.csr_array((entries, (point[some], held.col[some])), shape=(n_points, n_points))

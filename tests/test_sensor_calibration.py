@@ -206,6 +206,20 @@ def test_two_parameters_are_as_likely_as_any_by_the_sum_over_all_paths(fresh_rng
         assert reached >= best - 1e-9
 
 
+def test_a_sensor_as_accurate_as_wrong_is_one_of_two() -> None:
+    """An accuracy of p and one of 1 − p report the same of states, by other names."""
+    rng = np.random.default_rng(0)
+    states = rng.integers(2, size=60)
+    actions = sampled(0.75, states, rng, five)
+    both = SensorFamily(lambda p: rows(p, 1.0 - p), [[0.01, 0.99]], ["p"])
+    twice = calibrate_sensor(actions, states, on(GRID[::10], five), both, world=WORLD)
+    assert twice.status is LikelihoodStatus.SEVERAL
+    once = calibrate_sensor(actions, states, on(GRID[::10], five), ACCURACY, world=WORLD)
+    assert twice.log_likelihood == pytest.approx(once.log_likelihood, abs=1e-6)
+    assert max(twice.parameters[0], 1.0 - twice.parameters[0]) == pytest.approx(once.parameters[0], abs=1e-3)
+
+
+@pytest.mark.audit
 def test_sensors_that_name_the_symbols_in_another_order_are_several() -> None:
     rng = np.random.default_rng(0)
     states = rng.integers(2, size=60)

@@ -22,7 +22,7 @@ from inscrutable import (
     estimate_world,
     filter_beliefs,
 )
-from sizes import audited, instances
+from sizes import audited, instances, some
 
 TRANSITION = np.array([[0.8, 0.1, 0.1], [0.15, 0.7, 0.15], [0.1, 0.2, 0.7]])
 SENSOR = np.array([[0.7, 0.2, 0.1], [0.15, 0.7, 0.15], [0.1, 0.25, 0.65]])
@@ -376,11 +376,18 @@ def test_a_world_is_estimated_from_noisy_beliefs_where_a_trial_rules_a_state_out
 
 @pytest.mark.parametrize(
     ("n_states", "n_symbols", "deviation", "with_names"),
-    [  # unknown symbols of three states and errors of 1e-3 are taken for others
-        *((2, 2, 1e-3, each) for each in (True, False)),
-        *((3, 2, size, each) for size in (1e-9, 1e-4) for each in (True, False)),
-        (3, 3, 1e-3, True),
-    ],
+    some(
+        [
+            (2, 2, 1e-3, True),
+            (2, 2, 1e-3, False),
+            (3, 2, 1e-9, False),
+            (3, 2, 1e-9, True),
+            (3, 2, 1e-4, True),
+            (3, 2, 1e-4, False),
+            (3, 3, 1e-3, True),
+        ],
+        2,
+    ),
 )
 def test_beliefs_with_errors_have_a_world_that_explains_them(
     n_states: int, n_symbols: int, deviation: float, with_names: bool

@@ -184,6 +184,7 @@ def test_the_predicted_chain_is_one_step_ahead() -> None:
         ([[0.9, 0.2], [0.1, 0.9]], "row 0 sums"),
         ([[0.9, 0.1], [0.3, 0.7]], "does not keep the prior"),
         (sparse.csr_array([[1.5, -0.5], [0.0, 1.0]]), "probabilities"),
+        (sparse.csr_array([[np.nan, 0.5], [0.5, 0.5]]), "probabilities"),
     ],
 )
 def test_malformed_chains_are_refused(transition: Any, message: str) -> None:

@@ -284,6 +284,7 @@ def test_bad_returns_are_three(run, tmp_path: Path, case: str) -> None:  # type:
     [
         (["--belief", "0.2,0.3,0.6"], "--belief sums to 1.1"),
         (["--belief", "0.5,0.5"], "--belief has 2 entries"),
+        (["--belief", ",".join(["0.01"] * 100)], "--belief has 100 entries"),  # longer than a file's name may be
         (["--belief", "0.2,0.3,0.5", "--budget", "-1"], "--budget must be at least 0"),
         (["--belief", "0.2,0.3,0.5", "--measure", "desired", "--target", "0.5,0.6"], "--target sums to 1.1"),
         (["--beliefs", "nowhere.csv"], "nowhere.csv does not exist"),

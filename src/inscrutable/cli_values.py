@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import inf
+from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -47,7 +48,7 @@ def blaming(tokens: Sequence[str]) -> Iterator[None]:
         value = _given_to(option, tokens)
         if isinstance(error, DiskError) or begun is None or value is None:
             raise
-        if Path(value).is_file():
+        if isfile(value):  # unlike a path, it takes a long list of numbers for no file
             raise (error if value in said else type(error)(f"{value}: {said}")) from None
         if isinstance(error, ModelError):
             raise

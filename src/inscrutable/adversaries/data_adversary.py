@@ -16,6 +16,8 @@ from inscrutable.mechanisms.joint import Joint, joint_law
 from inscrutable.validation import Array
 
 LEAST_PAIRS, MOST_PAIRS = 10, 10_000_000
+"""Fewer pairs cannot be divided into those that are learned from and those that judge; more, of twelve assets and three states,
+take over a gigabyte."""
 _TRIED_SHARE = 0.3
 """Share of the pairs (the last ones) on which learners are compared; the best one is then fitted to all pairs."""
 

@@ -54,8 +54,8 @@ def _few(count: int, resolution: int, n_states: int) -> None:
 
 
 def _fitting(n_states: int) -> int:
-    """The largest resolution whose whole grid of beliefs can be compared."""
-    return resolution_for(n_states, int(_MOST_BELIEFS / 1.02))
+    """A resolution near the largest whose whole grid of beliefs can be compared."""
+    return resolution_for(n_states, int(_MOST_BELIEFS / 1.02))  # the grid may have 2 % more points than asked for
 
 
 def _paper_market(resolution: int, seed: int, limits: LimitsPart) -> ComparedMarket:

@@ -262,6 +262,20 @@ def test_threads_of_a_user_share_candidates(monkeypatch: pytest.MonkeyPatch) -> 
         np.testing.assert_array_equal(each.expected_cost, alone.expected_cost)
 
 
+def test_what_a_search_reads_stays_whole_while_another_thread_makes_regions() -> None:
+    """A search reads regions and the flat arrays with their programmes; a later programme may lie in longer arrays."""
+    problem = market(3, 12, np.random.default_rng(3))
+    regions = partition.Partition(problem)
+    chosen = problem.solve(np.random.default_rng(4).dirichlet(np.ones(3), 400))
+    regions.make(regions.holding(chosen[:1]))
+    read = regions.arrays
+    regions.make(regions.holding(chosen))
+    assert regions.arrays.charts.size > read.charts.size, "no array was replaced"
+    known = read.size >= 0
+    ends = read.chart_at[known] + problem.n_actions * (1 + read.size[known])
+    assert ends.max() <= read.charts.size
+
+
 def test_the_same_numbers_without_compilation() -> None:
     script = TINY.format(tests=os.path.dirname(__file__))
     with redirect_stdout(io.StringIO()) as printed:

@@ -81,9 +81,15 @@ class Partition:
 
     @property
     def arrays(self) -> Regions:
-        """All regions as kernels read them."""
+        """The regions as kernels read them. The sizes are a copy: a programme that another thread makes later stays UNKNOWN,
+        because these flat arrays may not hold it."""
         with self._lock:
-            return self._table._replace(curves=self._curves.values, rows=self._rows.values, charts=self._charts.values)
+            return self._table._replace(
+                size=self._table.size.copy(),
+                curves=self._curves.values,
+                rows=self._rows.values,
+                charts=self._charts.values,
+            )
 
     def holding(self, actions: Array) -> np.ndarray:
         """Return the numbers (n,) of the regions in which an observer finds decisions (n,U)."""

@@ -110,7 +110,7 @@ class Candidates:
         if found is None:
             found = search()
             if len(self.decided) >= _MOST_KEPT:
-                self.decided.pop(next(iter(self.decided)), None)
+                self.decided.pop(next(iter(list(self.decided))), None)  # a copy: another thread may add one
         self.decided[key] = found  # last: the least recently used comes first
         return found
 

@@ -365,9 +365,10 @@ class Bounds(Polyhedron):
         if name != "A_ub" or "_held" not in vars(self):
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
         columns, factors = self._held
-        self.A_ub = np.zeros((len(columns), self.n_actions))
-        self.A_ub[np.arange(len(columns)), columns] = factors
-        return self.A_ub
+        rows = np.zeros((len(columns), self.n_actions))
+        rows[np.arange(len(columns)), columns] = factors
+        self.A_ub = rows  # once it is whole: another thread may read it
+        return rows
 
     @property
     def n_actions(self) -> int:

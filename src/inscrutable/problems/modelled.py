@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ _LEAST_SCALE = 2.0**-30  # costs that are flat up to rounding at these points ha
 _SAME = tolerances.EXACT_COST
 _FOREIGN = {"boolean", "integer", "complex", "imag"}
 """Attributes of variables under which the feasible set is not a convex set of real vectors."""
+_one_at_a_time = RLock()
+"""Held where values are set and read: CVXPY keeps them in variables and parameters, which problems and threads may share."""
 
 
 class Modelled:
@@ -36,7 +39,8 @@ class Modelled:
         if not self._costs:
             raise InputError("costs is empty, expected one expression per state")
         self.n_actions = int(variable.size)
-        self.region = self._region(constraints)
+        with _one_at_a_time:
+            self.region = self._region(constraints)
 
     @property
     def is_quadratic(self) -> bool:
@@ -56,8 +60,9 @@ class Modelled:
     def _slow_values(self, points: Array) -> Array:
         found = np.empty((len(points), len(self._costs)))
         for row, point in enumerate(points):
-            self._variable.save_value(point)
-            found[row] = [float(np.asarray(cost.value).reshape(())) for cost in self._costs]
+            with _one_at_a_time:
+                self._variable.save_value(point)
+                found[row] = [float(np.asarray(cost.value).reshape(())) for cost in self._costs]
         return found
 
     def gradients(self, points: Array) -> Array:
@@ -70,18 +75,22 @@ class Modelled:
     def _slow_gradients(self, points: Array) -> Array:
         found = np.zeros((len(points), len(self._costs), self.n_actions))
         for row, point in enumerate(points):
-            self._variable.save_value(point)
-            for i, cost in enumerate(self._costs):
-                try:
-                    slope = cost.grad.get(self._variable, 0.0)
-                except NotImplementedError:
-                    raise ModelError(
-                        f"CVXPY knows no slope of the cost of state {i}, {cost}: write it with other atoms, such as "
-                        "max(abs(x)) for norm_inf(x)"
-                    ) from None
-                dense = slope.toarray() if hasattr(slope, "toarray") else slope
-                found[row, i] = np.nan if dense is None else np.ravel(dense)
+            with _one_at_a_time:
+                self._variable.save_value(point)
+                for i, cost in enumerate(self._costs):
+                    found[row, i] = self._slope(i, cost)
         return found
+
+    def _slope(self, state: int, cost: Any) -> Any:
+        try:
+            slope = cost.grad.get(self._variable, 0.0)
+        except NotImplementedError:
+            raise ModelError(
+                f"CVXPY knows no slope of the cost of state {state}, {cost}: write it with other atoms, such as "
+                "max(abs(x)) for norm_inf(x)"
+            ) from None
+        dense = slope.toarray() if hasattr(slope, "toarray") else slope
+        return np.nan if dense is None else np.ravel(dense)
 
     def without_slope(self, state: int, point: Array) -> Any:
         """Return the expression in a state's cost without a slope at a point (U,); the whole cost where none is found."""
@@ -116,7 +125,7 @@ class Modelled:
     def _trees(self) -> list[Node] | None:
         """The costs as trees, if their values and gradients agree with CVXPY's at two points; else None."""
         points = self._probes
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), _one_at_a_time:
             try:
                 trees = [tree_of(cost, self._variable) for cost in self._costs]
                 values = np.column_stack([tree.values(points)[:, 0] for tree in trees])
@@ -143,11 +152,13 @@ class Modelled:
     def solve(self, belief: Array) -> Array:
         """Return the minimiser (U,) as the interior-point solver leaves it, the same each time."""
         key = belief.tobytes()
-        if key not in self._solved:
+        found = self._solved.get(key)
+        if found is None:
+            found = self._solve(belief)
             if len(self._solved) >= _MOST_KEPT:
                 self._solved.clear()
-            self._solved[key] = self._solve(belief)
-        return self._solved[key]
+            self._solved[key] = found
+        return found
 
     def _solve(self, belief: Array) -> Array:
         if self.scale < 1.0:
@@ -159,8 +170,10 @@ class Modelled:
 
     @cached_property
     def _cones(self) -> ConeProgramme | None:
+        compiled = self._compiled
         try:
-            return cone_programme(self._cvxpy, *self._compiled, self._variable)
+            with _one_at_a_time:
+                return cone_programme(self._cvxpy, *compiled, self._variable)
         except (self._cvxpy.error.SolverError, self._cvxpy.error.DCPError):
             return None
         except (ImportError, AttributeError, KeyError):  # from CVXPY's internals, which differ between versions
@@ -170,7 +183,12 @@ class Modelled:
         found = None if self._cones is None else self._cones.solve(belief)
         if found is not None:
             return found
-        problem, parameter = self._compiled  # its status also says why there is no solution
+        compiled = self._compiled
+        with _one_at_a_time:
+            return self._solve_by_cvxpy(*compiled, belief)
+
+    def _solve_by_cvxpy(self, problem: Any, parameter: Any, belief: Array) -> Array:
+        """The same by CVXPY, whose status says why there is no solution."""
         parameter.value = belief
         # CVXPY 1.9.3 compiles `sum_largest` (and `cvar`) by the variable's value, and fails where their number is no integer.
         self._variable.save_value(None)

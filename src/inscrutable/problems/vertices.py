@@ -31,6 +31,13 @@ class _Vertex(NamedTuple):
     known: bool
 
 
+class _Known(NamedTuple):
+    """The vertices found so far. A new one makes another table, so that a thread reads one that is whole."""
+
+    vertices: tuple[_Vertex, ...]
+    points: Array  # (n,U)
+
+
 class VertexTable:
     """The vertices found so far for costs (X,U) over a polyhedron."""
 
@@ -38,15 +45,15 @@ class VertexTable:
         self._costs, self._region = costs, region
         # Multiples of the golden ratio: no two vertices with round coordinates are equal along it.
         self._direction = 0.5 + (np.arange(1, costs.shape[1] + 1) * _GOLDEN) % 1.0
-        self._vertices: list[_Vertex] = []
-        self._points = np.zeros((0, costs.shape[1]))
+        self._known = _Known((), np.zeros((0, costs.shape[1])))
 
     def solve(self, held: Array) -> Array:
         """Return an optimal vertex (T,U) for each belief (T,X)."""
         found = np.empty((len(held), self._costs.shape[1]))
         left = np.arange(len(held))
-        if len(self._vertices):
-            left = self._recognise(held, found)
+        known = self._known
+        if known.vertices:
+            left = self._recognise(known, held, found)
         while left.size:
             vertex = self._by_programme(held[left[0]])
             mine = self._optimal(vertex, held[left])
@@ -55,18 +62,18 @@ class VertexTable:
             left = left[~mine]
         return found
 
-    def _recognise(self, held: Array, found: Array) -> np.ndarray:
+    def _recognise(self, known: _Known, held: Array, found: Array) -> np.ndarray:
         """Fill in the beliefs whose cheapest known vertex is proved optimal; return the others."""
         gradients = held @ self._costs
-        costs = gradients @ self._points.T
+        costs = gradients @ known.points.T
         margin = tolerances.STATIONARITY * np.maximum(np.abs(costs).max(axis=1), np.abs(gradients).max(axis=1))
         best = costs <= (costs.min(axis=1) + margin)[:, None]
-        chosen = np.where(best, self._points @ self._direction, np.inf).argmin(axis=1)
+        chosen = np.where(best, known.points @ self._direction, np.inf).argmin(axis=1)
         proved = np.zeros(len(held), dtype=bool)
         for number in np.unique(chosen):
             mine = np.flatnonzero(chosen == number)
-            proved[mine] = self._optimal(self._vertices[number], held[mine])
-        found[proved] = self._points[chosen[proved]]
+            proved[mine] = self._optimal(known.vertices[number], held[mine])
+        found[proved] = known.points[chosen[proved]]
         return np.flatnonzero(~proved)
 
     def _optimal(self, vertex: _Vertex, held: Array) -> np.ndarray:
@@ -98,10 +105,10 @@ class VertexTable:
         return vertex
 
     def _keep(self, vertex: _Vertex) -> None:
-        seen = np.abs(self._points - vertex.point).max(axis=1, initial=0.0) <= tolerances.SAME_ACTION
-        if not seen.any() and len(self._vertices) < _MOST_VERTICES:
-            self._vertices.append(vertex)
-            self._points = np.vstack([self._points, vertex.point])
+        known = self._known
+        seen = np.abs(known.points - vertex.point).max(axis=1, initial=0.0) <= tolerances.SAME_ACTION
+        if not seen.any() and len(known.vertices) < _MOST_VERTICES:
+            self._known = _Known((*known.vertices, vertex), np.vstack([known.points, vertex.point]))
 
     def _exact(self, point: Array) -> Array:
         """Solve the rows that are tight at a vertex as HiGHS returns it, bounds to the last digit."""

@@ -43,10 +43,10 @@ def started(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
 
 @contextmanager
 def cluster(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """The address of a scheduler and its two workers."""
+    """The address of a scheduler and its two workers, each of two threads."""
     file = folder / "scheduler.json"
     options = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
-    worker = ("worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-nanny", "--no-dashboard")
+    worker = ("worker", "--scheduler-file", str(file), "--nthreads", "2", "--no-nanny", "--no-dashboard")
     local = ("--local-directory", str(folder))
     with started("scheduler", *options), started(*worker, *local) as one, started(*worker, *local) as other:
         while not file.exists() or not file.stat().st_size:

@@ -893,6 +893,27 @@ def test_without_a_budget_the_largest_error_is_what_optimal_decisions_leave() ->
         assert maker.error == pytest.approx(left, rel=1e-4)
 
 
+@pytest.mark.parametrize("amount", [3e-14, 1e-14, 1e-20, 1e-300])
+@pytest.mark.parametrize("objective", ["information", "error"])
+@pytest.mark.parametrize("radius", [0.9, 1.0])
+def test_a_budget_that_rounding_loses_buys_nothing(
+    radius: float, objective: Literal["information", "error"], amount: float
+) -> None:
+    rng = np.random.default_rng(FRESH_SEED)
+    world = LinearGaussianWorld(radius * np.eye(4), covariance(rng, 4), np.eye(4), 0.01 * np.eye(4))
+    told = float(np.trace(covariance(rng, 4)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        maker = AlphaDecisionMaker(
+            problem_of(np.eye(4)), Budget.regret(amount * told), world=world, objective=objective
+        )
+        assert maker.regret <= 2.0 * amount * told
+        assert maker.error <= 1e-12 * told
+        assert maker.bits >= 80.0
+        assert maker.gap >= 0.0
+        assert "leaks" in maker.summary()
+
+
 @pytest.mark.parametrize("covariance", [[[2.1, 1.0], [1.0, 3.3]], [[0.04, 0.01], [0.01, 0.02]]])
 @pytest.mark.parametrize("factors", [False, True])
 def test_a_signal_that_moves_no_decision_up_to_rounding_reveals_nothing(

@@ -201,6 +201,17 @@ def test_bad_data_name_their_file(
     assert message in line
 
 
+def test_a_refused_comparison_is_not_to_be_gone_on_with(
+    files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its first task fails, and would fail again."""
+    rival = tmp_path / "rival.toml"
+    rival.write_text("[problem]\nmax_weight = 0.1\n")
+    ask = ["compare", "--model", str(files / "model.toml"), "--resolution", "4", "--jobs", "1", "--rival", str(rival)]
+    assert cli.main([*ask, "--out", str(tmp_path / "out")]) == 4
+    assert "To go on" not in capsys.readouterr().err
+
+
 def test_one_figure_is_no_range(
     files: Path, tmp_path: Path, undrawn: None, unpaged: None, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -12,7 +12,7 @@ from cyclopts import App, Parameter, validators
 
 from inscrutable.cli_console import Speech
 from inscrutable.cli_values import OUTPUT, WORK, Out, UsageError, Whole
-from inscrutable.errors import InscrutableError
+from inscrutable.errors import DiskError, InscrutableError
 
 if TYPE_CHECKING:
     from inscrutable.experiments.studies import Study, StudyProgress
@@ -241,19 +241,24 @@ def resumable(folder: Path, how: str = "inscrutable study resume {}", then: str 
     except BaseException as error:
         began = before != _stamp(folder / STORE) or not isinstance(error, InscrutableError)
         if began and (folder / STORE).exists():
-            kept, on = ("All tasks are stored.", then) if _is_done(folder) else ("Rows so far are kept.", how)
-            print(f"{kept} To go on: {on.format(folder)}", file=sys.stderr, flush=True)
+            done, left = _counted(folder)
+            if (
+                done or isinstance(error, DiskError) or not isinstance(error, InscrutableError)
+            ):  # else it would fail again
+                kept, on = ("Rows so far are kept.", how) if left else ("All tasks are stored.", then)
+                print(f"{kept} To go on: {on.format(folder)}", file=sys.stderr, flush=True)
         raise
 
 
-def _is_done(folder: Path) -> bool:
-    """Whether every task has a row; False where the study cannot be read."""
+def _counted(folder: Path) -> tuple[int, int]:
+    """Return how many tasks have figures, and how many have no row; (0, 1) where the study cannot be read."""
     from inscrutable.experiments.studies import Study
 
     try:
-        return Study.load(folder).status().left == 0
+        status = Study.load(folder).status()
     except InscrutableError:
-        return False
+        return 0, 1
+    return status.done, status.left
 
 
 def was_told(folder: Path) -> bool:

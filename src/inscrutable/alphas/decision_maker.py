@@ -51,7 +51,8 @@ class AlphaDecisionMaker:
     Args:
         problem: The problem; with a trading cost, decisions trade part of the way to an aim.
         budget: The regret per step, `Budget.regret(r)`; a number is a share of the silence regret tr(ΘS), the cost of deciding
-            by public information alone. (With zero mean and no constraints it is also a share of E|c*|.)
+            by public information alone. (With zero mean and no constraints it is also a share of E|c*|.) Over time, less than
+            1e-14 of what one step's news are worth is lost in rounding and counts as 0.
         prior_covariance: S, public, shape (k,k), or a `FactorRisk` over the assets, squared units of m.
         world: The public dynamics of the state m, which the agent estimates by the steady Kalman filter. Instead of
             `prior_covariance`.

@@ -44,6 +44,15 @@ _FEW_SIGNALS = 60
 40, 11 for 13 s at 60, 138 for 39 s at 100), and leaves no gap above 1e-4 where prices leave nine in 150."""
 
 
+def share_between(value: float, bound: float) -> float:
+    """Return the difference of two numbers as a share of the larger; 1 where one alone is infinite."""
+    if value == bound:
+        return 0.0
+    if not np.isfinite([value, bound]).all():
+        return 1.0
+    return float(abs(value - bound) / max(abs(value), abs(bound)))
+
+
 @dataclass(frozen=True, eq=False)
 class LongRun:
     """The figures of a stationary rule, and the bound for every causal rule.
@@ -63,9 +72,7 @@ class LongRun:
     @property
     def gap(self) -> float:
         """Difference of value and bound, as a share of the larger."""
-        if self.value == self.bound:
-            return 0.0
-        return float(abs(self.value - self.bound) / max(abs(self.bound), abs(self.value)))
+        return share_between(self.value, self.bound)
 
 
 @dataclass(eq=False)

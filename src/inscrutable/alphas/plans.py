@@ -12,7 +12,7 @@ from inscrutable.alphas.error_law import ErrorLaw, law_between, root_of
 from inscrutable.alphas.factored_law import FactoredErrorLaw
 from inscrutable.alphas.observed import Moves
 from inscrutable.alphas.one_decision import least_information, most_error
-from inscrutable.alphas.over_time import least_bits, most_error_over_time, told_exactly
+from inscrutable.alphas.over_time import least_bits, most_error_over_time, share_between, told_exactly
 from inscrutable.saved import saved_choice
 from inscrutable.validation import Array
 
@@ -70,7 +70,7 @@ def plan_over_time(moves: Moves, theta: Array, limit: float, weights: Array, is_
     inside, costs, gains = moves.within(basis), basis.T @ theta @ basis, basis.T @ weights @ basis
     if not basis.shape[1]:
         return silent_plan(np.zeros_like(theta), theta, weights, is_error)
-    if limit <= 0.0:
+    if limit <= tolerances.COST_ROUNDING * float(np.sum(costs * inside.innovation)):  # lost in rounding
         found = told_exactly(inside, costs, gains if is_error else None)
     elif is_error:
         found = most_error_over_time(inside, costs, gains, limit)
@@ -89,10 +89,7 @@ def silent_plan(silence: Array, theta: Array, weights: Array, is_error: bool) ->
 
 def gap_of(plan: Plan, is_error: bool) -> float:
     """Return the difference of a plan's figure and its bound, as a share of the larger."""
-    value = plan.error if is_error else plan.bits
-    if value == plan.ceiling:
-        return 0.0
-    return float(abs(value - plan.ceiling) / max(abs(value), abs(plan.ceiling)))
+    return share_between(plan.error if is_error else plan.bits, plan.ceiling)
 
 
 def is_met(gap: float) -> bool:

@@ -8,12 +8,12 @@ well: the spare S_bm = ℓ_b + λ_b c_bm − |π_b − μ_m|² stays positive, a
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgWarning, lu_factor, lu_solve
+from scipy.linalg import lu_solve
+from scipy.linalg.lapack import dgetrf
 
 from inscrutable import tolerances
 from inscrutable.decision_makers.aware.stackelberg_game import Game, centred_start
@@ -164,13 +164,10 @@ def _factored(system: Array) -> tuple[Array, np.ndarray]:
     """The triangular factors of Newton's system: rounding may leave it short of positive definite, so not Cholesky's."""
     if not np.isfinite(system).all():
         raise np.linalg.LinAlgError("Newton's system is not finite")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", LinAlgWarning)
-        try:
-            factors: tuple[Array, np.ndarray] = lu_factor(system, overwrite_a=True, check_finite=False)
-        except LinAlgWarning as singular:
-            raise np.linalg.LinAlgError(str(singular)) from None
-    return factors
+    factors, swaps, zero = dgetrf(system, overwrite_a=True)
+    if zero:
+        raise np.linalg.LinAlgError(f"Newton's system is singular: pivot {zero} is zero")
+    return factors, swaps
 
 
 def saddle(game: Game, goal: float, progress: Callable[[int], None] | None = None) -> Saddle:

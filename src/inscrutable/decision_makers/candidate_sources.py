@@ -215,8 +215,7 @@ def decoy_grid(problem: DecisionProblem, resolution: int, *, faces: bool = False
         found = found if missing is None else found.joined(missing)
     if not faces:
         return found
-    form = problem.linear_form()
-    if form is None or form.lift is not None:
+    if problem.linear_form() is None:
         raise InputError("faces=True is for linear and finite problems, whose optimal decisions can be tied")
     return found.joined(tied_mixtures(problem, found))
 
@@ -229,8 +228,7 @@ def default_decoys(problem: DecisionProblem) -> Candidates:
         assert every is not None, "some choice is the cheapest for every belief"
         return every
     found = decided_by(problem, simplex_cover(problem.n_states, DEFAULT_SIZE))
-    form = problem.linear_form()
-    return found if form is None or form.lift is not None else found.joined(tied_mixtures(problem, found))
+    return found if problem.linear_form() is None else found.joined(tied_mixtures(problem, found))
 
 
 def _explained(problem: DecisionProblem, choices: Array) -> Candidates | None:

@@ -13,7 +13,7 @@ from inscrutable import tolerances
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
 from inscrutable.decision_makers.proofs.subdivision import cells_of
-from inscrutable.problems import DecisionProblem
+from inscrutable.problems import DecisionProblem, Polyhedron
 from inscrutable.validation import Array
 
 _MOST_FACES, _MOST_CALLS = 20_000, 2_000
@@ -64,7 +64,8 @@ def _corners(problem: DecisionProblem, vertices: Array) -> Array:
 def _tied_sets(costs: Array, corners: Array) -> list[tuple[int, ...]]:
     """Sets of two vertices or more that are optimal together: at a corner of the cells, and at all corners of a face."""
     values = corners @ costs.T
-    margin = tolerances.FEASIBILITY * np.maximum(np.abs(values).max(axis=1, keepdims=True), np.finfo(float).tiny)
+    # Of the costs' own size: expected costs may cancel at a corner, whose rounding moves them all the same.
+    margin = tolerances.FEASIBILITY * max(float(np.abs(costs).max()), np.finfo(float).tiny)
     at_corners = {
         frozenset(np.flatnonzero(row).tolist()) for row in values <= values.min(axis=1, keepdims=True) + margin
     }
@@ -79,8 +80,15 @@ def _tied_sets(costs: Array, corners: Array) -> list[tuple[int, ...]]:
 
 def near_vertices(problem: DecisionProblem, tied: Array, least_share: float = tolerances.SLACK_SAFETY) -> Array:
     """One mixture near each of the tied vertices (k,U), with every row that is not tight at all of them noticeably slack."""
-    region, count = problem.constraints, len(tied)
-    slacks = region.slacks(tied)  # (k, n)
+    form = problem.linear_form()
+    if form is not None and form.lift is not None:  # kinks are rows of the lifted feasible set
+        lifted = _near(form.constraints, form.variables(tied), least_share)
+        return form.decisions(lifted)
+    return _near(problem.constraints, tied, least_share)
+
+
+def _near(region: Polyhedron, tied: Array, least_share: float) -> Array:
+    count, slacks = len(tied), region.slacks(tied)  # (k, n)
     loose = (slacks > tolerances.FEASIBILITY).any(axis=0)
     room = slacks[:, loose].sum(axis=0)
     least = region.min_slack * (1.0 + tolerances.SLACK_SAFETY) + tolerances.FEASIBILITY

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from inscrutable import (
+    ConvexProblem,
     CounterAdversarialDecisionMaker,
     DecisionStatus,
     GlobalSearch,
@@ -106,3 +108,70 @@ def test_a_grid_has_mixtures_of_tied_decisions_where_they_are_asked_for() -> Non
     added = np.asarray(faces.sets.dimension)[len(plain) :]
     assert (added < 2).any()
     assert (added >= 0).all()
+
+
+def stated(cp: Any, rng: np.random.Generator, n_states: int, n_actions: int) -> tuple[Any, list[Any], list[Any]]:
+    """A variable, costs of all atoms that are read, some of them inside others, and constraints."""
+    u, flat = cp.Variable(n_actions), rng.normal(size=(n_states, n_actions))
+    rows, limits = rng.normal(size=(n_states, 3, n_actions)), rng.normal(size=(n_states, 3))
+    weights = rng.uniform(size=(n_states, 7))
+    costs = []
+    for g, b, a, w in zip(flat, rows, limits, weights, strict=True):
+        kinks = [
+            cp.max(b @ u + a),
+            cp.sum(cp.pos(0.3 - u)),
+            cp.norm1(u - 0.2),
+            cp.norm_inf(b @ u),
+            -cp.min(u) / 3.0,
+            cp.maximum(u[0], cp.abs(u[1]) - 0.1, 0.2),
+            cp.sum(cp.multiply(np.arange(1.0, n_actions + 1.0), cp.abs(u - 0.3))),
+        ]
+        costs.append(g @ u + sum(weight * kink for weight, kink in zip(w, kinks, strict=True)) + 0.7)
+    return u, costs, [u >= 0, u <= 1, cp.sum(u) <= 1.5]
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (3, 3), (3, 4)])
+def test_costs_of_maxima_in_cvxpy_are_linear_problems(
+    shape: tuple[int, int], fresh_rng: np.random.Generator, fresh_seed: int
+) -> None:
+    cp = pytest.importorskip("cvxpy")
+    u, costs, limits = stated(cp, fresh_rng, *shape)
+    problem = ConvexProblem(u, costs, limits)
+    assert problem.linear_form() is not None
+    for point in fresh_rng.uniform(size=(10, shape[1])):
+        u.value = point
+        values = [float(cost.value) for cost in costs]
+        np.testing.assert_allclose(problem.state_costs(point), values, atol=1e-12, err_msg=str(fresh_seed))
+    for belief in fresh_rng.dirichlet(np.ones(shape[0]), 4):
+        lowest = cp.Problem(cp.Minimize(sum(p * cost for p, cost in zip(belief, costs, strict=True))), limits).solve()
+        assert problem.optimal_cost(belief) == pytest.approx(lowest, abs=1e-6), fresh_seed
+        decision = CounterAdversarialDecisionMaker(problem, budget=0.2).decide(belief)
+        explained = consistent_beliefs(problem, decision.action)
+        assert explained.distance(belief) == pytest.approx(decision.privacy, abs=1e-7), fresh_seed
+        for other in explained.vertices():
+            assert problem.regret(other, decision.action) <= 1e-7, fresh_seed
+        for other in fresh_rng.dirichlet(np.ones(shape[0]), 5):
+            assert explained.contains(other) == (problem.regret(other, decision.action) <= 1e-7), fresh_seed
+
+
+def test_one_maximum_a_state_is_the_problem_of_its_pieces() -> None:
+    cp = pytest.importorskip("cvxpy")
+    pieces, belief = drawn(np.random.default_rng(0), 3, 5, 4), [0.2, 0.5, 0.3]
+    u = cp.Variable(5)
+    pairs = zip(pieces.slopes, pieces.offsets, strict=True)
+    written = ConvexProblem(u, [cp.max(b @ u + a) for b, a in pairs], [cp.sum(u) == 1, u >= 0])
+    one, other = (CounterAdversarialDecisionMaker(each, budget=0.2).decide(belief) for each in (pieces, written))
+    assert other.privacy == pytest.approx(one.privacy, abs=1e-8)
+
+
+@pytest.mark.parametrize("name", ["curved", "other", "many"])
+def test_other_costs_are_taken_as_they_are(name: str) -> None:
+    cp = pytest.importorskip("cvxpy")
+    u = cp.Variable(3)
+    deep = cp.max(u)
+    for _ in range(7):  # a maximum inside each other: 3 · 2^7 pieces
+        deep = cp.maximum(deep, u[0] + 0.1) + cp.abs(u[1])
+    kinds = {"curved": cp.max(u) + cp.sum_squares(u), "other": cp.sum_largest(u, 2), "many": cp.maximum(deep, u[2])}
+    problem = ConvexProblem(u, [kinds[name], cp.abs(u[0] - 0.2)], [cp.sum(u) == 1, u >= 0])
+    assert problem.linear_form() is None
+    assert problem.solve([0.5, 0.5]) == pytest.approx(problem.solve([[0.5, 0.5]])[0])

@@ -20,6 +20,7 @@ from inscrutable.problems.kinked_costs import has_kinks
 from inscrutable.problems.linear import LinearProblem
 from inscrutable.problems.modelled import Modelled
 from inscrutable.problems.newton import Model, minimise_smooth
+from inscrutable.problems.piecewise_linear import PiecewiseLinearProblem
 from inscrutable.problems.quadratic import QuadraticProblem
 from inscrutable.problems.quadratic_programme import Layout, layout_of, solve_programmes
 from inscrutable.validation import Array
@@ -34,9 +35,10 @@ class ConvexProblem(DecisionProblem):
 
     Formula: c(i,u) = costs[i] over u ∈ C.
 
-    Costs that are quadratic or affine in the variable are recognised and solved as such. For others Clarabel solves for equal
-    probabilities, and Newton's method finds the decision of every other belief from there; Clarabel is used again where the
-    multipliers do not prove an optimum. `from_functions` takes functions instead and needs no extra.
+    Costs that are quadratic or affine in the variable are recognised and solved as such, and so are sums of maxima of affine
+    functions (`max`, `maximum`, `pos`, `abs`, norms 1 and inf, one inside another) of up to 64 each. For others Clarabel solves
+    for equal probabilities, and Newton's method finds the decision of every other belief from there; Clarabel is used again
+    where the multipliers do not prove an optimum. `from_functions` takes functions instead and needs no extra.
 
     Args:
         variable: A `cvxpy.Variable` of shape (U,); its signs and `bounds` are constraints too.
@@ -45,8 +47,8 @@ class ConvexProblem(DecisionProblem):
             further variables that reduce to rows and to sums of magnitudes of single coordinates. Sums of more than ten
             magnitudes need quadratic or affine costs.
         differentiable: Whether the costs have gradients everywhere on C; None tests it: absolute values, maxima and norms that
-            can be zero on C count as kinks. With kinks Π(u) is found by cutting planes, as the beliefs under which the
-            decision's regret is at most 1e-6 of the cost's scale.
+            can be zero on C count as kinks. With kinks, but for sums of maxima of affine functions, Π(u) is found by cutting
+            planes, as the beliefs under which the decision's regret is at most 1e-6 of the cost's scale.
         strictly_convex: Whether every state's cost is strictly convex on C, by the user's knowledge: optimal decisions are then
             unique, and proofs are faster. For quadratic and affine costs it is computed instead.
 
@@ -55,11 +57,10 @@ class ConvexProblem(DecisionProblem):
             affine.
         ModelError: The feasible set is empty (its rows are named) or a cost has no minimum over it.
 
-    Cost: that of a quadratic or linear problem where costs are; else about a millisecond per belief of many, and
-    some for one alone, so ask for few decoys, such as `decoy_grid(problem, 20)`. With kinks a set Π(u) takes some ten solves,
-    and a decision that hides some hundred sets: 10 s, a lottery a minute. Costs that are maxima of affine functions, such as a
-    mean shortfall over scenarios, are faster as a `PiecewiseLinearProblem`. Source: the paper, eq. (3); Agrawal et al., A
-    Rewriting System for Convex Optimization Problems (2018).
+    Cost: that of a quadratic, linear or piecewise linear problem where costs are; else about a millisecond per belief of many,
+    and some for one alone, so ask for few decoys, such as `decoy_grid(problem, 20)`. With kinks a set Π(u) takes some ten
+    solves, and a decision that hides some hundred sets: 10 s, a lottery a minute. Source: the paper, eq. (3); Agrawal et al.,
+    A Rewriting System for Convex Optimization Problems (2018).
 
     Example:
         >>> import cvxpy as cp
@@ -90,7 +91,7 @@ class ConvexProblem(DecisionProblem):
         smooth = not has_kinks(costs, variable, self.constraints) if unknown else differentiable is not False
         self.differentiable = bool(smooth)
         self.strictly_convex = bool(strictly_convex)
-        self._stated: DecisionProblem | None = _recognised(model, self.constraints)
+        self._stated: DecisionProblem | None = _recognised(model, self.constraints, has_kinks=not smooth)
 
     def _set_up(self, values: Function, gradients: Function, region: Polyhedron, n_states: int) -> None:
         self._values, self._gradients = values, gradients
@@ -115,7 +116,7 @@ class ConvexProblem(DecisionProblem):
 
     def smooth_form(self) -> SmoothForm | None:
         """Return the costs with their gradients, None where they have kinks."""
-        if self.constraints.needs_lift and self._stated is not None:
+        if self._stated is not None and (self.constraints.needs_lift or not self.differentiable):
             return self._stated.smooth_form()
         return (
             SmoothForm(self.constraints, self.cost_gradients, size=self._gradient_size) if self.differentiable else None
@@ -299,12 +300,12 @@ class ConvexProblem(DecisionProblem):
         return slopes.reshape(*points.shape[:-1], self.n_states, self.n_actions)
 
     def explaining_rows(self, action: Array) -> Array | None:
-        """Return rows Q (m,X) with Π(u) = {π : Q π ≥ 0} up to the accuracy of the costs, or None where costs have gradients.
+        """Return rows Q (m,X) with Π(u) = {π : Q π ≥ 0} up to the accuracy of the costs, or None where they have a smooth form.
 
         Each row is s(v) − s(u) for an optimal decision v; rows are added at the corners of the set until the regret at every
         corner is within the tolerance.
         """
-        if self.differentiable:
+        if self.differentiable or self._stated is not None:
             return None
         from inscrutable.geometry import BeliefSet
 
@@ -383,11 +384,12 @@ def _middle(region: Polyhedron) -> Array:
     return minimum(np.append(np.zeros(size), -1.0 if n else 0.0), below, equal, [*bounds, (None, 1.0)]).x[:size]
 
 
-def _recognised(model: Modelled, region: Polyhedron) -> DecisionProblem | None:
-    """The expressions as a quadratic or linear problem, or None."""
-    if not model.is_quadratic:
-        return None
+def _recognised(model: Modelled, region: Polyhedron, *, has_kinks: bool) -> DecisionProblem | None:
+    """The expressions as a quadratic, linear or piecewise linear problem, or None."""
     size = model.n_actions
+    if not model.is_quadratic:
+        costs = model.sums_of_maxima() if has_kinks and not region.needs_lift else None
+        return None if costs is None else PiecewiseLinearProblem.of_sums(costs, region)
     slopes = model.gradients(np.vstack([np.zeros(size), np.eye(size)]))
     constants = model.values(np.zeros((1, size)))[0]
     hessians = (slopes[1:] - slopes[0]).transpose(1, 0, 2)

@@ -15,6 +15,7 @@ from inscrutable.problems.cone_programmes import ConeProgramme, cone_programme
 from inscrutable.problems.constraints import Polyhedron, box
 from inscrutable.problems.expressions import Node, tree_of
 from inscrutable.problems.lifted_constraints import constrained
+from inscrutable.problems.sums_of_maxima import SumsOfMaxima, sums_of_maxima
 from inscrutable.validation import Array
 
 _LONGEST_NAME = 60
@@ -91,6 +92,20 @@ class Modelled:
             ) from None
         dense = slope.toarray() if hasattr(slope, "toarray") else slope
         return np.nan if dense is None else np.ravel(dense)
+
+    def sums_of_maxima(self) -> SumsOfMaxima | None:
+        """Return the costs as sums of maxima of affine functions, where all have that form, with CVXPY's values."""
+        with _one_at_a_time:
+            try:
+                trees = [tree_of(cost, self._variable) for cost in self._costs]
+            except Exception:  # an atom without the usual inner methods
+                return None
+        found = sums_of_maxima(trees, self.n_actions)
+        if found is None or not np.allclose(
+            found.values(self._probes), self._slow_values(self._probes), rtol=_SAME, atol=_SAME
+        ):
+            return None
+        return found
 
     def without_slope(self, state: int, point: Array) -> Any:
         """Return the expression in a state's cost without a slope at a point (U,); the whole cost where none is found."""

@@ -15,6 +15,7 @@ from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
 from inscrutable.problems.forms import Lift, LinearForm, SmoothForm
 from inscrutable.problems.linear import LinearProblem
+from inscrutable.problems.sums_of_maxima import SumsOfMaxima
 from inscrutable.validation import Array
 
 
@@ -67,19 +68,36 @@ class PiecewiseLinearProblem(DecisionProblem):
                 )
         self.constraints = checked_region(constraints, size, assets)
         self.state_names = states.names
-        levels = np.hstack([np.zeros((len(self.slopes), size)), np.eye(len(self.slopes))])
-        self._lifted = LinearProblem(levels, self._region())
+        n_states = len(self.slopes)
+        self._lift(np.zeros((n_states, size)), np.zeros(n_states), np.eye(n_states), "state")
 
-    def _region(self) -> Polyhedron:
-        region, n_states = self.constraints, len(self.slopes)
-        state = np.repeat(np.arange(n_states), [offset.size for offset in self.offsets])
-        pieces = np.hstack([np.vstack(self.slopes), -np.eye(n_states)[state]])
-        names = [f"piece {k} of state {i}" for i, offset in enumerate(self.offsets) for k in range(offset.size)]
+    @classmethod
+    def of_sums(cls, costs: SumsOfMaxima, constraints: Polyhedron) -> PiecewiseLinearProblem:
+        """Return the problem of costs that are sums of maxima, one level for each maximum."""
+        problem = cls.__new__(cls)
+        problem.slopes, problem.offsets = (
+            [each[:, :-1] for each in costs.maxima],
+            [each[:, -1] for each in costs.maxima],
+        )
+        problem.constraints = constraints
+        problem._lift(costs.linear, costs.constants, costs.weights, "maximum")
+        return problem
+
+    def _lift(self, linear: Array, constants: Array, weights: Array, what: str) -> None:
+        """Keep c(i,u) = g_i'u + r_i + Σ_j W_ij z_j and its linear problem."""
+        self._linear, self._constants, self._weights = linear, constants, weights
+        self._lifted = LinearProblem(np.hstack([linear, weights]), self._region(what))
+
+    def _region(self, what: str) -> Polyhedron:
+        region, n_levels = self.constraints, len(self.slopes)
+        level = np.repeat(np.arange(n_levels), [offset.size for offset in self.offsets])
+        pieces = np.hstack([np.vstack(self.slopes), -np.eye(n_levels)[level]])
+        names = [f"piece {k} of {what} {i}" for i, offset in enumerate(self.offsets) for k in range(offset.size)]
         n = len(region.b_ub)
         return Polyhedron(
-            np.vstack([np.hstack([region.A_ub, np.zeros((n, n_states))]), pieces]),
+            np.vstack([np.hstack([region.A_ub, np.zeros((n, n_levels))]), pieces]),
             np.concatenate([region.b_ub, -np.concatenate(self.offsets)]),
-            np.hstack([region.A_eq, np.zeros((len(region.b_eq), n_states))]),
+            np.hstack([region.A_eq, np.zeros((len(region.b_eq), n_levels))]),
             region.b_eq,
             names=[*region.names[:n], *names, *region.names[n:]],
             min_slack=region.min_slack,
@@ -88,7 +106,7 @@ class PiecewiseLinearProblem(DecisionProblem):
     @property
     def n_states(self) -> int:
         """Number of states X."""
-        return len(self.slopes)
+        return len(self._weights)
 
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return an optimal decision for one belief (X,) or many (T,X): shape (U,) or (T,U); the same one of ties."""
@@ -97,14 +115,14 @@ class PiecewiseLinearProblem(DecisionProblem):
     def state_costs(self, actions: ArrayLike) -> Array:
         """Return c(i,u) for decisions (…,U): shape (…,X)."""
         points = self.as_points(actions)
-        pairs = zip(self.slopes, self.offsets, strict=True)
-        return np.stack([(points @ slope.T + offset).max(axis=-1) for slope, offset in pairs], axis=-1)
+        return np.asarray(points @ self._linear.T + self._levels(points) @ self._weights.T + self._constants)
 
     def cost_gradients(self, action: ArrayLike) -> Array:
         """Return the slope of an active piece for decisions (…,U): shape (…,X,U)."""
         points = self.as_points(action)
         pairs = zip(self.slopes, self.offsets, strict=True)
-        return np.stack([slope[(points @ slope.T + offset).argmax(axis=-1)] for slope, offset in pairs], axis=-2)
+        active = np.stack([slope[(points @ slope.T + offset).argmax(axis=-1)] for slope, offset in pairs], axis=-2)
+        return np.asarray(self._linear + self._weights @ active)
 
     def linear_form(self) -> LinearForm:
         """Return the linear problem of the decision and its levels."""
@@ -118,7 +136,11 @@ class PiecewiseLinearProblem(DecisionProblem):
 
     def _with_levels(self, actions: Array) -> Array:
         points = self.as_points(actions)
-        return np.concatenate([points, self.state_costs(points)], axis=-1)
+        return np.concatenate([points, self._levels(points)], axis=-1)
+
+    def _levels(self, points: Array) -> Array:
+        pairs = zip(self.slopes, self.offsets, strict=True)
+        return np.stack([(points @ slope.T + offset).max(axis=-1) for slope, offset in pairs], axis=-1)
 
     def _without_levels(self, variables: Array) -> Array:
         return np.asarray(variables[..., : self.n_actions])

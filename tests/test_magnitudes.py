@@ -249,8 +249,10 @@ def test_linear_costs_and_trading_costs_under_lifted_limits(fresh_rng):
     check_decision_problem(linear)
     trading = with_transaction_costs(MarkowitzProblem(means, covariances, 1.0, region), former, linear=0.004)
     cost = cp.quad_form(u, cp.psd_wrap(np.tensordot(belief, covariances, 1))) - (belief @ means) @ u
-    cp.Problem(cp.Minimize(cost + 0.004 * cp.norm1(u - former)), given).solve(solver=cp.CLARABEL, **EXACT)
-    np.testing.assert_allclose(trading.solve(belief), u.value, atol=1e-8)
+    lowest = cp.Problem(cp.Minimize(cost + 0.004 * cp.norm1(u - former)), given).solve(solver=cp.CLARABEL, **EXACT)
+    assert trading.optimal_cost(belief) <= lowest + 1e-12
+    # At this gap Clarabel's own decision is uncertain by the root of it: 1.5e-8 off a kink at one of some hundred seeds.
+    np.testing.assert_allclose(trading.solve(belief), u.value, atol=np.sqrt(EXACT["tol_gap_abs"]))
     assert consistent_beliefs(trading, trading.solve(belief)).contains(belief)
     check_decision_problem(trading)
 

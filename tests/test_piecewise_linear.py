@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from inscrutable import (
     ConvexProblem,
     CounterAdversarialDecisionMaker,
-    DecisionStatus,
     GlobalSearch,
     PiecewiseLinearProblem,
     ProbabilisticDecisionMaker,
@@ -90,15 +89,12 @@ def test_decisions_are_the_best_of_an_enumeration(fresh_rng: np.random.Generator
 
 
 def test_no_proof_finds_a_better_decision(fresh_rng: np.random.Generator, fresh_seed: int) -> None:
-    proved = 0
     for case in range(instances(30, 8)):
         problem = drawn(fresh_rng, int(fresh_rng.integers(2, 5)), int(fresh_rng.integers(2, 6)), 3)
         belief = fresh_rng.dirichlet(np.ones(problem.n_states))
         found = CounterAdversarialDecisionMaker(problem, budget=0.2).decide(belief)
         proof = CounterAdversarialDecisionMaker(problem, budget=0.2, method=GlobalSearch(certify=0.01)).decide(belief)
-        proved += proof.status is DecisionStatus.PROVED
-        assert found.privacy >= proof.privacy - 1e-6, (fresh_seed, case)
-    assert proved
+        assert proof.privacy - 1e-6 <= found.privacy <= proof.privacy_bound + 1e-9, (fresh_seed, case)
 
 
 def test_a_grid_has_mixtures_of_tied_decisions_where_they_are_asked_for() -> None:

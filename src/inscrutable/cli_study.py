@@ -242,9 +242,8 @@ def resumable(folder: Path, how: str = "inscrutable study resume {}", then: str 
         began = before != _stamp(folder / STORE) or not isinstance(error, InscrutableError)
         if began and (folder / STORE).exists():
             done, left = _counted(folder)
-            if (
-                done or isinstance(error, DiskError) or not isinstance(error, InscrutableError)
-            ):  # else it would fail again
+            is_refused = isinstance(error, InscrutableError) and not isinstance(error, DiskError)
+            if done or not is_refused:  # what is refused at once would be refused again
                 kept, on = ("Rows so far are kept.", how) if left else ("All tasks are stored.", then)
                 print(f"{kept} To go on: {on.format(folder)}", file=sys.stderr, flush=True)
         raise

@@ -187,8 +187,8 @@ def decoy_grid(problem: DecisionProblem, resolution: int, *, faces: bool = False
     Args:
         problem: The decision problem.
         resolution: r, at least 1; multiples of 1/r, corners included: every belief is then within √(X/4)/r of a decoy.
-        faces: For linear and finite problems, whether to add the vertices that no decoy leads to, and mixtures of
-            decisions that are optimal for the same beliefs (`tied_faces.tied_mixtures`).
+        faces: For linear, piecewise linear and finite problems, whether to add the vertices that no decoy leads to, and
+            mixtures of decisions that are optimal for the same beliefs (`tied_faces.tied_mixtures`).
 
     Returns:
         C(r+X−1, X−1) candidates, or about 600,000, at most 750,000, where that is more; of a finite problem also every
@@ -222,7 +222,8 @@ def decoy_grid(problem: DecisionProblem, resolution: int, *, faces: bool = False
 
 def default_decoys(problem: DecisionProblem) -> Candidates:
     """Return the candidates that are used where none are given: about 5,000 decoys on a regular grid, filled up to at most
-    6,250 above six states. Linear costs add mixtures of tied vertices; a finite problem has its explained choices alone."""
+    6,250 above six states. Linear and piecewise linear costs add mixtures of tied vertices; a finite problem has its explained
+    choices alone."""
     if checked_problem(problem).is_discrete:
         every = _explained(problem, np.eye(problem.n_actions))
         assert every is not None, "some choice is the cheapest for every belief"

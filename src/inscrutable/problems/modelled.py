@@ -95,15 +95,8 @@ class Modelled:
 
     def sums_of_maxima(self) -> SumsOfMaxima | None:
         """Return the costs as sums of maxima of affine functions, where all have that form, with CVXPY's values."""
-        with _one_at_a_time:
-            try:
-                trees = [tree_of(cost, self._variable) for cost in self._costs]
-            except Exception:  # an atom without the usual inner methods
-                return None
-        found = sums_of_maxima(trees, self.n_actions)
-        if found is None or not np.allclose(
-            found.values(self._probes), self._slow_values(self._probes), rtol=_SAME, atol=_SAME
-        ):
+        found, points = None if self._parsed is None else sums_of_maxima(self._parsed, self.n_actions), self._probes
+        if found is None or not np.allclose(found.values(points), self._slow_values(points), rtol=_SAME, atol=_SAME):
             return None
         return found
 
@@ -137,12 +130,22 @@ class Modelled:
         return float(np.clip(2.0 ** np.round(np.log2(largest)), _LEAST_SCALE, 1.0)) if largest > 0.0 else 1.0
 
     @cached_property
+    def _parsed(self) -> list[Node] | None:
+        """The costs as trees; None where an atom is without the usual inner methods."""
+        try:
+            with _one_at_a_time:
+                return [tree_of(cost, self._variable) for cost in self._costs]
+        except Exception:
+            return None
+
+    @cached_property
     def _trees(self) -> list[Node] | None:
         """The costs as trees, if their values and gradients agree with CVXPY's at two points; else None."""
-        points = self._probes
-        with np.errstate(all="ignore"), _one_at_a_time:
+        points, trees = self._probes, self._parsed
+        if trees is None:
+            return None
+        with np.errstate(all="ignore"):
             try:
-                trees = [tree_of(cost, self._variable) for cost in self._costs]
                 values = np.column_stack([tree.values(points)[:, 0] for tree in trees])
                 slopes = np.stack([tree.gradients(points)[:, :, 0] for tree in trees], axis=1)
                 same = np.allclose(values, self._slow_values(points), rtol=_SAME, atol=_SAME, equal_nan=True)

@@ -69,24 +69,24 @@ class PiecewiseLinearProblem(DecisionProblem):
         self.constraints = checked_region(constraints, size, assets)
         self.state_names = states.names
         n_states = len(self.slopes)
-        self._lift(np.zeros((n_states, size)), np.zeros(n_states), np.eye(n_states), "state")
+        maxima = [np.column_stack(pair) for pair in zip(self.slopes, self.offsets, strict=True)]
+        nothing = np.zeros((n_states, size)), np.zeros(n_states)
+        self._lift(SumsOfMaxima(*nothing, np.eye(n_states), maxima), "state")
 
     @classmethod
     def of_sums(cls, costs: SumsOfMaxima, constraints: Polyhedron) -> PiecewiseLinearProblem:
         """Return the problem of costs that are sums of maxima, one level for each maximum."""
         problem = cls.__new__(cls)
-        problem.slopes, problem.offsets = (
-            [each[:, :-1] for each in costs.maxima],
-            [each[:, -1] for each in costs.maxima],
-        )
+        problem.slopes = [each[:, :-1] for each in costs.maxima]
+        problem.offsets = [each[:, -1] for each in costs.maxima]
         problem.constraints = constraints
-        problem._lift(costs.linear, costs.constants, costs.weights, "maximum")
+        problem._lift(costs, "maximum")
         return problem
 
-    def _lift(self, linear: Array, constants: Array, weights: Array, what: str) -> None:
-        """Keep c(i,u) = g_i'u + r_i + Σ_j W_ij z_j and its linear problem."""
-        self._linear, self._constants, self._weights = linear, constants, weights
-        self._lifted = LinearProblem(np.hstack([linear, weights]), self._region(what))
+    def _lift(self, costs: SumsOfMaxima, what: str) -> None:
+        """Keep the costs and their linear problem, in which a level z_j takes the place of each maximum."""
+        self._costs = costs
+        self._lifted = LinearProblem(np.hstack([costs.linear, costs.weights]), self._region(what))
 
     def _region(self, what: str) -> Polyhedron:
         region, n_levels = self.constraints, len(self.slopes)
@@ -106,7 +106,7 @@ class PiecewiseLinearProblem(DecisionProblem):
     @property
     def n_states(self) -> int:
         """Number of states X."""
-        return len(self._weights)
+        return len(self._costs.weights)
 
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return an optimal decision for one belief (X,) or many (T,X): shape (U,) or (T,U); the same one of ties."""
@@ -114,15 +114,11 @@ class PiecewiseLinearProblem(DecisionProblem):
 
     def state_costs(self, actions: ArrayLike) -> Array:
         """Return c(i,u) for decisions (…,U): shape (…,X)."""
-        points = self.as_points(actions)
-        return np.asarray(points @ self._linear.T + self._levels(points) @ self._weights.T + self._constants)
+        return self._costs.values(self.as_points(actions))
 
     def cost_gradients(self, action: ArrayLike) -> Array:
         """Return the slope of an active piece for decisions (…,U): shape (…,X,U)."""
-        points = self.as_points(action)
-        pairs = zip(self.slopes, self.offsets, strict=True)
-        active = np.stack([slope[(points @ slope.T + offset).argmax(axis=-1)] for slope, offset in pairs], axis=-2)
-        return np.asarray(self._linear + self._weights @ active)
+        return self._costs.slopes(self.as_points(action))
 
     def linear_form(self) -> LinearForm:
         """Return the linear problem of the decision and its levels."""
@@ -136,11 +132,7 @@ class PiecewiseLinearProblem(DecisionProblem):
 
     def _with_levels(self, actions: Array) -> Array:
         points = self.as_points(actions)
-        return np.concatenate([points, self._levels(points)], axis=-1)
-
-    def _levels(self, points: Array) -> Array:
-        pairs = zip(self.slopes, self.offsets, strict=True)
-        return np.stack([(points @ slope.T + offset).max(axis=-1) for slope, offset in pairs], axis=-1)
+        return np.concatenate([points, self._costs.levels(points)], axis=-1)
 
     def _without_levels(self, variables: Array) -> Array:
         return np.asarray(variables[..., : self.n_actions])

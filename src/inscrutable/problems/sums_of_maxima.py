@@ -11,7 +11,8 @@ from inscrutable.problems.expressions import Node
 from inscrutable.validation import Array
 
 _MOST_PIECES = 64
-"""Most affine functions in one maximum: maxima inside another multiply theirs. Beyond, the costs are taken as they are."""
+"""Most affine functions in one maximum: maxima inside another multiply theirs. Beyond, the costs are taken as they are. A limit
+of time, not tuned: every function is a row of the feasible set."""
 _SAME_DIGITS = 12  # of maxima that count as equal: what rounding leaves of 16
 
 
@@ -23,10 +24,18 @@ class SumsOfMaxima(NamedTuple):
     weights: Array  # W (X,J)
     maxima: list[Array]  # (K_j, U+1): the slopes b_jk, then a_jk
 
+    def levels(self, points: Array) -> Array:
+        """Return the maxima (…,J) at decisions (…,U)."""
+        return np.stack([(points @ each[:, :-1].T + each[:, -1]).max(axis=-1) for each in self.maxima], axis=-1)
+
     def values(self, points: Array) -> Array:
-        """Return the costs (n,X) of decisions (n,U)."""
-        levels = np.column_stack([(points @ each[:, :-1].T + each[:, -1]).max(axis=1) for each in self.maxima])
-        return np.asarray(points @ self.linear.T + levels @ self.weights.T + self.constants)
+        """Return the costs (…,X) of decisions (…,U)."""
+        return np.asarray(points @ self.linear.T + self.levels(points) @ self.weights.T + self.constants)
+
+    def slopes(self, points: Array) -> Array:
+        """Return slopes (…,X,U) of the costs at decisions (…,U), by one active function of each maximum."""
+        active = [each[(points @ each[:, :-1].T + each[:, -1]).argmax(axis=-1), :-1] for each in self.maxima]
+        return np.asarray(self.linear + self.weights @ np.stack(active, axis=-2))
 
 
 class _Term(NamedTuple):

@@ -12,6 +12,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dgeqrf, dtrtri, dtrtrs
 
 from inscrutable import tolerances
 from inscrutable.validation import Array
@@ -127,26 +128,18 @@ def _reflections(columns: Array) -> _Reflections | None:
     The test compares squares, so it refers doubtful cases to a pseudo-inverse.
     """
     size, r = columns.shape
-    triangle = columns.copy()
-    vectors, weights = np.zeros((size, r)), np.zeros((r, r))
     if not r:
-        return _Reflections(vectors, weights, vectors)
-    for c in range(r):
-        tail = triangle[c:, c]
-        square = tail @ tail
-        if square <= tolerances.ON_FACE:
-            return None
-        vector = vectors[c:, c]
-        vector[:] = tail
-        vector[0] += np.copysign(np.sqrt(square), tail[0])
-        weight = 2.0 / (vector @ vector)
-        triangle[c:, c:] -= np.multiply.outer(weight * vector, vector @ triangle[c:, c:])
-        weights[:c, c] = -weight * (weights[:c, :c] @ (vectors[c:, :c].T @ vector))
-        weights[c, c] = weight
-    if r == 1:
-        return _Reflections(vectors, weights, columns / (triangle[0, 0] * triangle[0, 0]))
-    singular = np.linalg.svd(triangle[:r], compute_uv=False)
+        return _Reflections(columns, np.zeros((0, 0)), columns)
+    packed, scales, *_ = dgeqrf(columns)
+    triangle = np.triu(packed[:r])
+    singular = np.linalg.svd(triangle, compute_uv=False)
     if singular[-1] ** 2 <= tolerances.ON_FACE * max(1.0, singular[0]) ** 2:
         return None
+    vectors, diagonal = np.tril(packed, -1), np.arange(r)
+    vectors[diagonal, diagonal] = scales > 0.0  # a column that is zero below the diagonal needs no reflection
+    # T⁻¹ is upper triangular, with the products of the vectors above its diagonal (Schreiber and Van Loan 1989).
+    crossed = vectors.T @ vectors
+    crossed[diagonal, diagonal] = 1.0 / np.maximum(scales, scales <= 0.0)
+    weights = np.triu(dtrtri(crossed)[0])
     span = np.eye(size, r) - vectors @ (weights @ vectors[:r].T)
-    return _Reflections(vectors, weights, np.asarray(np.linalg.solve(triangle[:r], span.T).T, dtype=np.float64))
+    return _Reflections(vectors, weights, dtrtrs(triangle, span.T)[0].T)

@@ -26,7 +26,9 @@ class SumsOfMaxima(NamedTuple):
 
     def levels(self, points: Array) -> Array:
         """Return the maxima (…,J) at decisions (…,U)."""
-        return np.stack([(points @ each[:, :-1].T + each[:, -1]).max(axis=-1) for each in self.maxima], axis=-1)
+        pieces = np.vstack(self.maxima)
+        starts = np.cumsum([0, *map(len, self.maxima[:-1])])
+        return np.asarray(np.maximum.reduceat(points @ pieces[:, :-1].T + pieces[:, -1], starts, axis=-1))
 
     def values(self, points: Array) -> Array:
         """Return the costs (…,X) of decisions (…,U)."""

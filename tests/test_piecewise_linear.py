@@ -10,11 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from inscrutable import (
+    Budget,
     ConvexProblem,
     CounterAdversarialDecisionMaker,
     GlobalSearch,
     PiecewiseLinearProblem,
     ProbabilisticDecisionMaker,
+    box,
     consistent_beliefs,
     decoy_grid,
     simplex,
@@ -95,6 +97,35 @@ def test_no_proof_finds_a_better_decision(fresh_rng: np.random.Generator, fresh_
         found = CounterAdversarialDecisionMaker(problem, budget=0.2).decide(belief)
         proof = CounterAdversarialDecisionMaker(problem, budget=0.2, method=GlobalSearch(certify=0.01)).decide(belief)
         assert proof.privacy - 1e-6 <= found.privacy <= proof.privacy_bound + 1e-9, (fresh_seed, case)
+
+
+@pytest.mark.parametrize("unit", [1e6, 1e-2, 1e-5, 1e-8])
+def test_the_unit_of_costs_changes_no_decision(unit: float, fresh_rng: np.random.Generator) -> None:
+    plain = drawn(fresh_rng, 2, 3, 3)
+    parts = [unit * each for each in plain.slopes], [unit * each for each in plain.offsets]
+    same = PiecewiseLinearProblem(*parts, plain.constraints)
+    belief = fresh_rng.dirichlet(np.ones(2))
+    cost = float(np.abs(plain.state_costs(np.eye(3))).max())
+    one, other = (
+        CounterAdversarialDecisionMaker(problem, budget=Budget.regret(0.1 * cost * factor)).decide(belief)
+        for problem, factor in ((plain, 1.0), (same, unit))
+    )
+    np.testing.assert_allclose(other.action, one.action, atol=1e-6)
+    assert other.privacy == pytest.approx(one.privacy, abs=1e-6)
+    away = fresh_rng.dirichlet(np.ones(3))
+    for point in (one.action, away):
+        found = [consistent_beliefs(problem, point) for problem in (plain, same)]
+        assert found[0].is_empty == found[1].is_empty
+        np.testing.assert_allclose(*(each.bounds() for each in found), atol=1e-9)
+
+
+def test_a_kink_between_flat_pieces_is_seen_in_any_unit() -> None:
+    for unit in (1.0, 1e-5):
+        slopes, offsets = [[[unit], [-unit]]] * 2, [[-0.2 * unit, 0.2 * unit], [-0.8 * unit, 0.8 * unit]]
+        problem = PiecewiseLinearProblem(slopes, offsets, box([0.0], [1.0]))
+        np.testing.assert_allclose(consistent_beliefs(problem, [0.5]).bounds(), 0.5)
+        found = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(0.3 * unit)).decide([0.9, 0.1])
+        assert found.privacy == pytest.approx(0.4 * np.sqrt(2.0))
 
 
 def test_a_grid_has_mixtures_of_tied_decisions_where_they_are_asked_for() -> None:

@@ -68,35 +68,32 @@ class PiecewiseLinearProblem(DecisionProblem):
                 )
         self.constraints = checked_region(constraints, size, assets)
         self.state_names = states.names
-        n_states = len(self.slopes)
         maxima = [np.column_stack(pair) for pair in zip(self.slopes, self.offsets, strict=True)]
-        nothing = np.zeros((n_states, size)), np.zeros(n_states)
-        self._lift(SumsOfMaxima(*nothing, np.eye(n_states), maxima), "state")
+        self._lift(SumsOfMaxima.of_pieces(maxima))
 
     @classmethod
     def of_sums(cls, costs: SumsOfMaxima, constraints: Polyhedron) -> PiecewiseLinearProblem:
         """Return the problem of costs that are sums of maxima, one level for each maximum."""
         problem = cls.__new__(cls)
-        problem.slopes = [each[:, :-1] for each in costs.maxima]
-        problem.offsets = [each[:, -1] for each in costs.maxima]
         problem.constraints = constraints
-        problem._lift(costs, "maximum")
+        problem._lift(costs)
         return problem
 
-    def _lift(self, costs: SumsOfMaxima, what: str) -> None:
+    def _lift(self, costs: SumsOfMaxima) -> None:
         """Keep the costs and their linear problem, in which a level z_j takes the place of each maximum."""
         self._costs = costs
-        self._lifted = LinearProblem(np.hstack([costs.linear, costs.weights]), self._region(what))
+        self._lifted = LinearProblem(np.hstack([costs.linear, costs.weights]), self._region(costs.maxima))
 
-    def _region(self, what: str) -> Polyhedron:
-        region, n_levels = self.constraints, len(self.slopes)
-        level = np.repeat(np.arange(n_levels), [offset.size for offset in self.offsets])
-        pieces = np.hstack([np.vstack(self.slopes), -np.eye(n_levels)[level]])
-        names = [f"piece {k} of {what} {i}" for i, offset in enumerate(self.offsets) for k in range(offset.size)]
+    def _region(self, maxima: list[Array]) -> Polyhedron:
+        region, n_levels = self.constraints, len(maxima)
+        rows = np.vstack([np.zeros((0, region.n_actions + 1)), *maxima])
+        level = np.repeat(np.arange(n_levels), [len(each) for each in maxima])
+        pieces = np.hstack([rows[:, :-1], -np.eye(n_levels)[level]])
+        names = [f"piece {k} of maximum {j}" for j, each in enumerate(maxima) for k in range(len(each))]
         n = len(region.b_ub)
         return Polyhedron(
             np.vstack([np.hstack([region.A_ub, np.zeros((n, n_levels))]), pieces]),
-            np.concatenate([region.b_ub, -np.concatenate(self.offsets)]),
+            np.concatenate([region.b_ub, -rows[:, -1]]),
             np.hstack([region.A_eq, np.zeros((len(region.b_eq), n_levels))]),
             region.b_eq,
             names=[*region.names[:n], *names, *region.names[n:]],

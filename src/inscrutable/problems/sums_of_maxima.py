@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from inscrutable import tolerances
 from inscrutable.problems.expressions import Node
 from inscrutable.validation import Array
 
@@ -26,6 +27,8 @@ class SumsOfMaxima(NamedTuple):
 
     def levels(self, points: Array) -> Array:
         """Return the maxima (…,J) at decisions (…,U)."""
+        if not self.maxima:
+            return np.zeros((*points.shape[:-1], 0))
         pieces = np.vstack(self.maxima)
         starts = np.cumsum([0, *map(len, self.maxima[:-1])])
         return np.asarray(np.maximum.reduceat(points @ pieces[:, :-1].T + pieces[:, -1], starts, axis=-1))
@@ -36,8 +39,38 @@ class SumsOfMaxima(NamedTuple):
 
     def slopes(self, points: Array) -> Array:
         """Return slopes (…,X,U) of the costs at decisions (…,U), by one active function of each maximum."""
-        active = [each[(points @ each[:, :-1].T + each[:, -1]).argmax(axis=-1), :-1] for each in self.maxima]
-        return np.asarray(self.linear + self.weights @ np.stack(active, axis=-2))
+        found = np.broadcast_to(self.linear, (*points.shape[:-1], *self.linear.shape)).copy()
+        for weight, each in zip(self.weights.T, self.maxima, strict=True):
+            found += weight[:, None] * each[(points @ each[:, :-1].T + each[:, -1]).argmax(axis=-1), None, :-1]
+        return found
+
+    @classmethod
+    def of_pieces(cls, tables: Sequence[Array]) -> SumsOfMaxima:
+        """Return the form of one maximum (K_i,U+1) a state; of parallel functions the largest alone."""
+        parts = [centred(table) for table in tables]
+        affine = np.array([part.middle for part in parts])
+        several = [i for i, part in enumerate(parts) if part.size > 0.0]
+        weights = np.diag([part.size for part in parts])[:, several]
+        return cls(affine[:, :-1], affine[:, -1], weights, [parts[i].pieces for i in several])
+
+
+class Centred(NamedTuple):
+    """A maximum as middle'(u,1) + size · max_k pieces_k'(u,1)."""
+
+    middle: Array  # (U+1,)
+    size: float
+    pieces: Array  # (K,U+1), with slopes around 0 and at most 1
+
+
+def centred(pieces: Array) -> Centred:
+    """Return a maximum of affine functions (K,U+1) with slopes of the size of 1, so that the slack of a row z ≥ b'u + a is in
+    the decision's unit, whatever the cost's unit and the slope that all functions have in common; size 0 for parallel ones."""
+    middle = 0.5 * (pieces.max(axis=0) + pieces.min(axis=0))
+    apart = pieces - middle
+    size = float(np.abs(apart[:, :-1]).max())
+    if size <= tolerances.COST_ROUNDING * float(np.abs(pieces[:, :-1]).max()):
+        return Centred(pieces[pieces[:, -1].argmax()], 0.0, apart[:1])
+    return Centred(middle, size, apart / size)
 
 
 class _Term(NamedTuple):
@@ -120,18 +153,12 @@ class _Reader:
         pieces = np.unique(np.vstack([self._pieces(_times(term, sign)) for term in terms]), axis=0)
         if len(pieces) > _MOST_PIECES:
             raise _Unread
-        middle, length = 0.5 * (pieces[0] + pieces[-1]), 0.5 * float(np.linalg.norm((pieces[0] - pieces[-1])[:-1]))
-        if len(pieces) == 1:
-            return _Term(sign * middle, {})
-        if len(pieces) > 2 or length == 0.0:
-            return _Term(np.zeros(self._size + 1), {self._number(pieces): sign})
-        # max(p,q) = (p + q)/2 + |p − q|/2: kinks at one place are multiples of the same, as of max(x,0) and max(−x,0).
-        line = (pieces[0] - middle) / length
-        line *= np.sign(line[np.abs(line).argmax()])
-        return _Term(sign * middle, {self._number(np.array([line, -line])): sign * length})
+        middle, size, inner = centred(pieces)
+        # Kinks at one place are multiples of the same maximum, as those of max(x,0) and max(−x,0).
+        return _Term(sign * middle, {self._number(inner): sign * size} if size > 0.0 else {})
 
     def _number(self, pieces: Array) -> int:
-        key = np.round(pieces, _SAME_DIGITS) + 0.0
+        key = np.unique(np.round(pieces, _SAME_DIGITS) + 0.0, axis=0)
         number = self._numbers.setdefault(key.tobytes(), len(self.maxima))
         if number == len(self.maxima):
             self.maxima.append(pieces)

@@ -19,6 +19,7 @@ from inscrutable import (
     Polyhedron,
     ProbabilisticDecisionMaker,
     box,
+    cheapest_privacy,
     consistent_beliefs,
     decoy_grid,
     simplex,
@@ -224,6 +225,31 @@ def test_mixtures_among_the_candidates_reach_the_suprema_without_a_proof(seed):
     ).privacy == pytest.approx(best, abs=1e-7)
     mixed = ProbabilisticDecisionMaker(problem, budget=budget, candidates=faces).decide(belief)
     assert mixed.expected_privacy == pytest.approx(lottery, rel=0.01)
+
+
+@pytest.mark.parametrize("order", [[0, 1], [1, 0]])
+def test_a_state_in_which_all_decisions_cost_the_same_explains_any(order):
+    """Whichever asset comes first: no other belief explains the one that is dearer, or as cheap, in both states."""
+    costs, budget = np.array([[0.0, 1.0], [1.0, 1.0]])[:, order], Budget.regret(0.1)
+    problem = LinearProblem(costs, simplex(2))
+    far = pytest.approx(np.sqrt(0.5))
+    assert CounterAdversarialDecisionMaker(problem, budget=budget).decide([0.5, 0.5]).privacy == far
+    assert ProbabilisticDecisionMaker(problem, budget=budget).decide([0.5, 0.5]).expected_privacy == far
+    assert cheapest_privacy(problem, [0.5, 0.5]).privacy == far
+
+
+@pytest.mark.parametrize("number", range(instances(24)))
+def test_decisions_that_are_optimal_at_the_border_alone_are_candidates(number, fresh_rng):
+    """A state may be indifferent, and whole costs tie: the suprema by enumeration are reached without a proof."""
+    n_states, size = int(fresh_rng.integers(2, 4)), int(fresh_rng.integers(2, 5))
+    costs = fresh_rng.integers(-2, 3, (n_states, size)).astype(float)
+    if number % 2:
+        costs[fresh_rng.integers(n_states)] = fresh_rng.normal()
+    problem, belief = LinearProblem(costs, region_of(fresh_rng, size, number)), fresh_rng.dirichlet(np.ones(n_states))
+    limit = float(fresh_rng.uniform(0.05, 0.8))
+    best, _ = tied.suprema(problem, belief, limit)
+    found = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(limit)).decide(belief)
+    assert found.privacy == pytest.approx(best, abs=1e-4)
 
 
 class ToldShares(OwnShares):

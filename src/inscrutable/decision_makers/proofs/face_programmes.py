@@ -69,6 +69,20 @@ class FaceProgrammes:
         scaled = self.costs.T / (size if size > 0 else 1.0)
         return BeliefSet(rows.equalities @ scaled, rows.inequalities @ scaled)
 
+    def inside(self, tight: np.ndarray) -> Array | None:
+        """Return a decision (U,) with exactly the rows `tight`, far from the others; None where there is none."""
+        region, slack = self.region, ~tight
+        answer = minimise(
+            np.append(np.zeros(region.n_actions), -1.0),
+            Rows(np.column_stack([self._rows[slack], np.ones(int(slack.sum()))]), self._sides[slack]),
+            Rows(
+                _padded(np.vstack([self._rows[tight], region.A_eq]), 1),
+                np.concatenate([self._sides[tight], region.b_eq]),
+            ),
+            [(None, None)] * region.n_actions + [(0.0, 1.0)],
+        )
+        return None if answer.status != OPTIMAL or answer.x[-1] <= tolerances.FEASIBILITY else answer.x[:-1]
+
     def cheapest(self, belief: Array, tight: np.ndarray) -> Array | None:
         """Return the admissible decision (U,) of least cost with exactly the rows `tight`, None where there is none."""
         region, slack = self.region, ~tight

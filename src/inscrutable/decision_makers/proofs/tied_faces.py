@@ -12,6 +12,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
+from inscrutable.decision_makers.proofs.face_programmes import FaceProgrammes
 from inscrutable.decision_makers.proofs.subdivision import cells_of
 from inscrutable.problems import DecisionProblem, Polyhedron
 from inscrutable.validation import Array
@@ -34,9 +35,10 @@ def tied_mixtures(problem: DecisionProblem, candidates: Candidates) -> Candidate
             actions.append(vertex[None])
             decoys.append(found.interior_point()[None])
     vertices = np.vstack([vertices, *actions])
-    costs = problem.without_common_costs.state_costs(vertices)
-    for tied in _tied_sets(costs, _corners(problem, vertices)):
-        mixed = near_vertices(problem, vertices[list(tied)])
+    costs, corners = problem.without_common_costs.state_costs(vertices), _corners(problem, vertices)
+    sets = [vertices[list(tied)] for tied in _tied_sets(costs, corners)]
+    for ties in [*sets, *_border_ties(problem, vertices, costs, corners)]:
+        mixed = near_vertices(problem, ties)
         found = belief_set_of(problem, mixed[0])
         if not found.is_empty:
             actions.append(mixed)
@@ -61,14 +63,36 @@ def _corners(problem: DecisionProblem, vertices: Array) -> Array:
     return np.asarray(np.unique(np.round(corners, 10), axis=0))
 
 
-def _tied_sets(costs: Array, corners: Array) -> list[tuple[int, ...]]:
-    """Sets of two vertices or more that are optimal together: at a corner of the cells, and at all corners of a face."""
-    values = corners @ costs.T
+def _border_ties(problem: DecisionProblem, vertices: Array, costs: Array, corners: Array) -> list[Array]:
+    """Vertices that are optimal at a corner where some state has probability 0, each time with a decision inside the face of
+    all decisions that are optimal there: some of that face may be optimal for no other belief."""
+    form = problem.linear_form()
+    border = corners[(corners <= tolerances.SAME_BELIEF).any(axis=1)]
+    if form is None or problem.is_discrete:
+        return []
+    faces, found = FaceProgrammes(form), dict[bytes, Array]()
+    for corner, tied in zip(border, _tied(costs, border), strict=True):
+        known = form.variables(vertices[tied])
+        tight = faces.optimal_at(corner, known)
+        if tight is None or tight.tobytes() in found or (tight == faces.tight_on(known)).all():
+            continue
+        inside = faces.inside(tight)
+        if inside is not None:
+            found[tight.tobytes()] = np.vstack([vertices[tied], form.decisions(inside)])
+    return list(found.values())
+
+
+def _tied(costs: Array, beliefs: Array) -> np.ndarray:
+    """Which decisions of costs (n,X) are the cheapest for each belief (T,X), shape (T,n)."""
+    values = beliefs @ costs.T
     # Of the costs' own size: expected costs may cancel at a corner, whose rounding moves them all the same.
     margin = tolerances.FEASIBILITY * max(float(np.abs(costs).max()), np.finfo(float).tiny)
-    at_corners = {
-        frozenset(np.flatnonzero(row).tolist()) for row in values <= values.min(axis=1, keepdims=True) + margin
-    }
+    return np.asarray(values <= values.min(axis=1, keepdims=True) + margin)
+
+
+def _tied_sets(costs: Array, corners: Array) -> list[tuple[int, ...]]:
+    """Sets of two vertices or more that are optimal together: at a corner of the cells, and at all corners of a face."""
+    at_corners = {frozenset(np.flatnonzero(row).tolist()) for row in _tied(costs, corners)}
     known = {each for each in at_corners if len(each) > 1}
     fresh = set(known)
     while fresh and len(known) < _MOST_FACES:

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from rich.console import Console
 
-from inscrutable import AlphaProblem, FactorRisk, implied_views
+from inscrutable import AlphaProblem, FactorRisk, cli_console, implied_views
 from inscrutable.cli import main
 
 ASSETS = ["Food", "Oil", "Gas"]
@@ -226,3 +227,16 @@ def test_weights_that_nothing_explains_are_no_solution(folder: Path, capsys: pyt
     assert not out.exists()
     assert main(asked(folder, *more, weights="some.csv")) == 0
     assert "No view explains the weights of May." in capsys.readouterr().out
+
+
+def test_a_table_that_a_terminal_has_no_room_for_goes_on_below(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli_console, "results", lambda: Console(width=40, highlight=False))
+    numbers = [f"{value:.3f} [0.123, 0.987]" for value in (0.25, 0.5)]
+    frame = pd.DataFrame(dict.fromkeys(("calm", "normal", "wild"), numbers), index=["first row", "second row"])
+    cli_console.show_table(frame, "Estimates")
+    shown = capsys.readouterr().out
+    assert "…" not in shown
+    assert max(map(len, shown.splitlines())) <= 40
+    assert [shown.count(text) for text in (numbers[0], "second row", "Estimates", "wild")] == [3, 3, 1, 1]

@@ -386,7 +386,7 @@ PERCENTS = np.array([f"{k % 4 + 1}%" for k in range(80)])
             pd.Series(COUNTED, DATES[:80]),
             pd.Series(range(80), DATES[:80].tz_localize("UTC")),
             {},
-            r"labels of secrets are of type datetime64\[\w+\], those of published of type datetime64\[\w+, UTC\]",
+            r"times of published alone have UTC offsets",
         ),
     ],
 )

@@ -148,6 +148,12 @@ def test_line_numbers_count_lines_inside_quotes(file: Path) -> None:
         (["0001-01-31", "2020-01-31"], ["line 2", "0001-01-31"]),
         (["2020-01-31 25:00", "2020-02-01 00:00"], ["line 2", "25:00"]),
         (["2020-01-31", "2020-01-31"], ["line 3, column 'date'", "duplicated", "line 2"]),
+        (["2020-01-31 02:00", "2020-01-31 02:00"], ["line 3", "duplicated", "change of the clocks", "UTC offsets"]),
+        (
+            ["2020-01-31 02:00Z", "2020-01-31 03:00"],
+            ["line 3", "has no UTC offset", "expected one in all rows or in none"],
+        ),
+        (["31.01.2020 24:00", "01.02.2020 00:00"], ["line 2", "24:00"]),
         (["2020-02-29", "2020-01-31"], ["line 3, column 'date'", "goes back in time", "'2020-02-29'"]),
         (["01/02/2020", "01/03/2020"], ["line 2", "day first or month first", "YYYY-MM-DD"]),
         # increasing with the month first, with the day first the newest row stands first
@@ -178,6 +184,12 @@ def test_bad_date(file: Path, reader: Any, dates: list[str], parts: list[str]) -
         (["01/10/2020", "02/09/2020", "03/11/2020"], ["2020-01-10", "2020-02-09", "2020-03-11"]),
         (["2020-01-31 00:00:00-05:00", "2020-02-03 00:00:00-05:00"], ["2020-01-31", "2020-02-03"]),
         (["2020-01-31T16:00", "2020-01-31T17:00"], ["2020-01-31 16:00", "2020-01-31 17:00"]),
+        (["31.01.2020 16:00", "31.01.2020 17:30:05"], ["2020-01-31 16:00", "2020-01-31 17:30:05"]),
+        # instants, in UTC: the hour that a change of the clocks repeats comes twice
+        (
+            ["2020-10-25T02:00+02:00", "2020-10-25T02:00+01:00"],
+            ["2020-10-25 00:00+00:00", "2020-10-25 01:00+00:00"],
+        ),
     ],
 )
 def test_notations_of_dates(file: Path, dates: list[str], expected: list[str]) -> None:

@@ -12,7 +12,6 @@ from cyclopts import Parameter
 from inscrutable.cli_console import SEED_KNOWN, Speech, replaced, results, show_table
 from inscrutable.cli_limits import Held, region_of
 from inscrutable.cli_values import (
-    ABOVE_0,
     DATA,
     INVESTOR,
     PRIVACY,
@@ -57,7 +56,7 @@ class AlphaOptions:
         loadings: With `--alphas`: CSV of the loadings of assets on signals: assets in the first column, one column per signal.
             The alphas are then those of the signals. Default: one signal per asset.
         held: With `--alphas`: what may be held: anything; invested: weights that sum to one; long-only: these, none below zero.
-        cap: With `--alphas`: largest weight.
+        cap: With `--alphas`: largest weight, such as 0.25 or 25%.
         trading_cost: With `--alphas`: κ. A trade costs κ times its variance.
         objective: With `--alphas`: minimise the leakage in bits, or maximise the observer's mean square error.
     """
@@ -72,7 +71,7 @@ class AlphaOptions:
     risk_aversion: Annotated[float | None, Parameter(group=INVESTOR)] = None
     loadings: Annotated[Path | None, Parameter(group=DATA)] = None
     held: Annotated[Held | None, Parameter(group=INVESTOR)] = None
-    cap: Annotated[float | None, Parameter(group=INVESTOR), ABOVE_0] = None
+    cap: Annotated[str | None, Parameter(group=INVESTOR)] = None
     trading_cost: Annotated[float | None, Parameter(group=INVESTOR)] = None
     objective: Annotated[Literal["information", "error"], Parameter(group=PRIVACY)] = "information"
 

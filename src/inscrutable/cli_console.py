@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 SEED_KNOWN = "Caution: whoever knows the seed knows the draw; without --seed the operating system draws."
 _PLAIN_WIDTH = 150
 _INDEX_WIDTH = 28
+_BETWEEN_COLUMNS = 3  # characters
 _SECONDS_BETWEEN_LINES = 10.0
 
 
@@ -137,18 +138,49 @@ def results() -> Console:
 
 
 def show_table(frame: pd.DataFrame, title: str, *, prose: bool = False) -> None:
-    """Print a frame, its index first, under a title that explains the rows; `prose` wraps words, not numbers."""
+    """Print a frame, its index first, under a title that explains the rows; `prose` wraps words, not numbers.
+
+    Columns that a terminal has no room for follow below, beside the same index.
+    """
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=Text(title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column(Text("\n".join(wrap(str(frame.index.name or ""), _INDEX_WIDTH))), no_wrap=not prose)
-    for column in frame.columns:
-        table.add_column(Text(str(column)), justify="left" if prose else "right", no_wrap=not prose)
-    for label, row in zip(frame.index, frame.itertuples(index=False), strict=True):
-        table.add_row(Text(label_text(label)), *(Text(str(cell)) for cell in row))
-    results().print(table)
+    console = results()
+    for number, columns in enumerate([list(range(frame.shape[1]))] if prose else _blocks(frame, console.width)):
+        head = None if number else Text(title)
+        table = Table(title=head, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+        table.add_column(Text("\n".join(_index_name(frame))), no_wrap=not prose)
+        for column in columns:
+            name = Text(str(frame.columns[column]))
+            table.add_column(name, justify="left" if prose else "right", no_wrap=not prose)
+        for label, row in zip(frame.index, frame.itertuples(index=False), strict=True):
+            table.add_row(Text(label_text(label)), *(Text(str(row[column])) for column in columns))
+        console.print(table)
+
+
+def _index_name(frame: pd.DataFrame) -> list[str]:
+    return wrap(str(frame.index.name or ""), _INDEX_WIDTH)
+
+
+def _blocks(frame: pd.DataFrame, width: int) -> list[list[int]]:
+    """Numbers of the columns that fit side by side, block by block, each with at least one."""
+    from rich.cells import cell_len
+
+    def wide(texts: Iterable[str]) -> int:
+        return max(map(cell_len, texts), default=0) + _BETWEEN_COLUMNS
+
+    first = wide([*_index_name(frame), *map(label_text, frame.index)])
+    blocks: list[list[int]] = []
+    left = 0
+    for column, name in enumerate(frame.columns):
+        needed = wide([*str(name).split("\n"), *map(str, frame.iloc[:, column])])
+        if not blocks or needed > left:
+            blocks.append([])
+            left = width - first
+        blocks[-1].append(column)
+        left -= needed
+    return blocks or [[]]
 
 
 def replaced(folder: Path, verb: str, write: Callable[[Path], Iterable[Path]], speech: Speech) -> list[Path]:

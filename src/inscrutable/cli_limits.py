@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from inscrutable.problems import Polyhedron
 
 Held = Literal["anything", "invested", "long-only"]
+_LARGEST_WEIGHT = 1.0
+_LARGEST = {"--sector-cap": 20.0, "--long-short": 20.0, "--turnover": 20.0}
+"""Largest numbers that count as shares of the portfolio where no % is written."""
 
 
 @Parameter(name="*", group=INVESTOR)
@@ -63,12 +66,15 @@ class WeightOptions:
 
 
 def share_of(text: str, option: str) -> float:
-    """Return the number of "0.25" or "25%"."""
+    """Return the number of "0.25" or "25%"; what can only be a percentage needs its sign."""
     number, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
     try:
-        return float(number) * (0.01 if percent else 1.0)
+        share = float(number) * (0.01 if percent else 1.0)
     except ValueError:
         raise UsageError(f"{option} {text}: expected a number such as 0.25 or 25%") from None
+    if not percent and share > _LARGEST.get(option, _LARGEST_WEIGHT):
+        raise UsageError(f"{option}: {text} is {share:.6g} times the portfolio; write {text}% for per cent of it")
+    return share
 
 
 def weights_of(path: Path, investor: InvestorModel, normalise: bool, map_: Path | None) -> WeightsTable:
@@ -95,7 +101,7 @@ def one_row(table: WeightsTable, path: Path) -> pd.Series:
     return table.frame.iloc[0]
 
 
-def region_of(assets: list[str], held: Held, cap: float | None) -> Polyhedron | None:
+def region_of(assets: list[str], held: Held, cap: str | None) -> Polyhedron | None:
     """Return the feasible set; None without limits."""
     import numpy as np
 
@@ -107,6 +113,9 @@ def region_of(assets: list[str], held: Held, cap: float | None) -> Polyhedron | 
     elif held == "invested":
         region = Polyhedron(A_eq=np.ones((1, len(assets))), b_eq=[1.0], names=["sum(u) = 1"])
     if cap is not None:
-        capped = max_weights(assets, cap)
+        most = share_of(cap, "--cap")
+        if not 0.0 < most < np.inf:
+            raise UsageError(f"--cap {cap}: expected a number above 0, such as 0.25 or 25%")
+        capped = max_weights(assets, most)
         region = capped if region is None else region & capped
     return region

@@ -11,7 +11,6 @@ from cyclopts import Parameter
 from inscrutable.cli_console import Speech, replaced, show_table
 from inscrutable.cli_limits import Held, region_of
 from inscrutable.cli_values import (
-    ABOVE_0,
     AT_LEAST_0,
     DATA,
     INVESTOR,
@@ -43,7 +42,7 @@ def views(
     factors: Annotated[Whole | None, Parameter(group=DATA), AT_LEAST_0] = None,
     risk_aversion: Annotated[float, Parameter(group=INVESTOR)],
     held: Annotated[Held, Parameter(group=INVESTOR)] = "anything",
-    cap: Annotated[float | None, Parameter(group=INVESTOR), ABOVE_0] = None,
+    cap: Annotated[str | None, Parameter(group=INVESTOR)] = None,
     regret: Annotated[str | None, Parameter(group=PRIVACY)] = None,
     digits: Annotated[Whole | None, Parameter(group=PRIVACY), AT_LEAST_0] = None,
     reference: Annotated[str | None, Parameter(group=PRIVACY)] = None,
@@ -64,7 +63,7 @@ def views(
             Default: the sample covariance.
         risk_aversion: γ in the investor's cost γ u'Vu − m'u, per unit of return, without a half.
         held: What may be held: anything; invested: weights that sum to one; long-only: these, none below zero.
-        cap: Largest weight.
+        cap: Largest weight, such as 0.25 or 25%.
         regret: Largest regret of the weights, such as 5bp or 0.0005 per period.
         digits: Decimals that the weights were rounded to.
         reference: State expected returns minus that of this asset, of the "portfolio" with its weights as given, or of the

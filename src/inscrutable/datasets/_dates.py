@@ -6,7 +6,7 @@ import calendar
 import logging
 import re
 from collections.abc import Callable, Sequence
-from datetime import datetime
+from datetime import UTC, datetime, time
 from itertools import pairwise
 from typing import Any
 
@@ -20,9 +20,10 @@ _EXPECTED = "expected a date such as 2020-01-31 (or 2020-01, 20200131, 31.01.202
 _DASHED = re.compile(r"(\d{4})([-/])(\d{1,2})(?:\2(\d{1,2}))?", re.ASCII)
 _COMPACT = re.compile(r"(\d{4})(\d{2})(\d{2})?", re.ASCII)
 _WITH_TIME = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}(?::\d{2}(?:\.\d+)?)?(?:Z|[+-]\d{2}:?\d{2})?", re.ASCII)
+_CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?", re.ASCII)
 _MONTH_YEAR = re.compile(r"(\d{1,2})/(\d{4})", re.ASCII)
 _NAMED = re.compile(r"(?:(\d{1,2})[-/. ])?([A-Za-z]{3,9})[-/. ](\d{4})", re.ASCII)
-_YEAR_LAST = re.compile(r"(\d{1,2})([-./])(\d{1,2})\2(\d{4})", re.ASCII)
+_YEAR_LAST = re.compile(r"(\d{1,2})([-./])(\d{1,2})\2(\d{4})(?: (.*))?", re.ASCII)
 _LOGGER = logging.getLogger(__name__.rpartition(".")[0])
 _TOTALS = {"total", "totals", "grand total", "subtotal", "sum", "mean", "average", "avg"}
 _MONTHS = (
@@ -39,12 +40,24 @@ def date_index(table: TextTable) -> pd.DatetimeIndex:
     for row in range(1, len(days)):
         if days[row] <= days[row - 1]:
             problem = "is duplicated" if days[row] == days[row - 1] else "goes back in time"
+            before = f"line {table.lines[row - 1]} has {shown(table.rows[row - 1][0])}"
             raise InputError(
-                f"{table.place(row, 0)}: date {shown(table.rows[row][0])} {problem} "
-                f"(line {table.lines[row - 1]} has {shown(table.rows[row - 1][0])}), expected increasing dates"
+                f"{table.place(row, 0)}: date {shown(table.rows[row][0])} {problem} ({before}), expected increasing "
+                f"dates{_clock_note(days)}"
             )
     _warn_of_gaps(table, days)
     return pd.DatetimeIndex(days, name=table.header[0] or None)
+
+
+def _clock_note(days: Sequence[datetime]) -> str:
+    """What to do about the hour that a change of the clocks repeats."""
+    if days[0].tzinfo is not None or not _has_times(days):
+        return ""
+    return "; an hour that a change of the clocks repeats needs UTC offsets in all rows, such as 2024-10-27T02:00+01:00"
+
+
+def _has_times(days: Sequence[datetime]) -> bool:
+    return any(day.time() != time() for day in days)
 
 
 def _warn_of_gaps(table: TextTable, days: Sequence[datetime]) -> None:
@@ -95,6 +108,7 @@ def _reading(table: TextTable, *, increasing: bool) -> list[datetime] | None:
     readings: list[list[datetime]] = []
     for notation in _NOTATIONS:
         days = _read_all(notation, cells)
+        days = days and _in_one_zone(table, days)
         if days is not None and days not in readings:
             readings.append(days)
     if increasing and not any(all(a > b for a, b in pairwise(days)) for days in readings):
@@ -105,6 +119,31 @@ def _reading(table: TextTable, *, increasing: bool) -> list[datetime] | None:
             "expected YYYY-MM-DD"
         )
     return readings[0] if readings else None
+
+
+def _in_one_zone(table: TextTable, days: list[datetime]) -> list[datetime]:
+    offsets = [day.tzinfo is not None for day in days]
+    if any(offsets) and not all(offsets):
+        row = offsets.index(not offsets[0])
+        raise InputError(
+            f"{table.place(row, 0)}: {shown(table.rows[row][0])} {'has a' if offsets[row] else 'has no'} UTC offset and "
+            f"{shown(table.rows[0][0])} {'has none' if offsets[row] else 'has one'}, expected one in all rows or in none"
+        )
+    if not _has_times(days):
+        return [day.replace(tzinfo=None) for day in days]
+    return [day.astimezone(UTC) for day in days] if offsets[0] else days
+
+
+def unambiguous(text: str, name: str) -> str:
+    """Return a day written with its year last as YYYY-MM-DD, other text as it is.
+
+    Raises:
+        InputError: It can be read day first or month first.
+    """
+    days = {day for day in (_day_first(text), _month_first(text)) if day is not None}
+    if len(days) > 1:
+        raise InputError(f"{name} is {text}, which can be read day first or month first, expected YYYY-MM-DD")
+    return text if not days else f"{days.pop():%Y-%m-%d}"
 
 
 def _unreadable(table: TextTable) -> InputError:
@@ -138,7 +177,7 @@ def _year_first(text: str) -> datetime | None:
         return _day(compact[1], compact[2], compact[3])
     if _WITH_TIME.fullmatch(text):
         try:
-            moment = datetime.fromisoformat(text).replace(tzinfo=None)
+            moment = datetime.fromisoformat(text)
         except ValueError:
             return None
         return moment if moment.year in _YEARS else None
@@ -159,12 +198,22 @@ def _year_last(text: str) -> datetime | None:
 
 def _day_first(text: str) -> datetime | None:
     found = _YEAR_LAST.fullmatch(text)
-    return _day(found[4], found[3], found[1]) if found else None
+    return _moment(_day(found[4], found[3], found[1]), found[5]) if found else None
 
 
 def _month_first(text: str) -> datetime | None:
     found = _YEAR_LAST.fullmatch(text)
-    return _day(found[4], found[1], found[3]) if found and found[2] != "." else None
+    return _moment(_day(found[4], found[1], found[3]), found[5]) if found and found[2] != "." else None
+
+
+def _moment(day: datetime | None, clock: str | None) -> datetime | None:
+    """Return a day at a time such as 14:30; None where the time is none."""
+    if day is None or clock is None:
+        return day
+    found = _CLOCK.fullmatch(clock)
+    if not found or int(found[1]) > 23 or int(found[2]) > 59 or int(found[3] or 0) > 59:
+        return None
+    return day.replace(hour=int(found[1]), minute=int(found[2]), second=int(found[3] or 0))
 
 
 def _day(year: str, month: str, day: str | None) -> datetime | None:

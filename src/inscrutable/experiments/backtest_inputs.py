@@ -12,6 +12,7 @@ import pandas as pd
 from inscrutable import validation
 from inscrutable.budgets import Budget, SilenceShare, written_budget
 from inscrutable.datasets import suspicious_entries
+from inscrutable.datasets._dates import unambiguous
 from inscrutable.errors import InputError
 from inscrutable.experiments.performance import Frequency, frequency_of
 from inscrutable.labels import label_text
@@ -281,7 +282,7 @@ def check_dates(index: pd.Index, what: str) -> None:
         raise InputError(f"{what} must have a DatetimeIndex, got {type(index).__name__}; see pandas.to_datetime")
     if index.hasnans:
         raise InputError(f"{what} have no date in row {int(np.flatnonzero(index.isna())[0])}")
-    back = np.flatnonzero(np.diff(index.to_numpy()) <= np.timedelta64(0))
+    back = np.flatnonzero(np.diff(index.asi8) <= 0)
     if back.size:
         before, after = index[int(back[0])], index[int(back[0]) + 1]
         raise InputError(f"{what} have {after:%Y-%m-%d} after {before:%Y-%m-%d}; dates must increase, each once")
@@ -289,8 +290,9 @@ def check_dates(index: pd.Index, what: str) -> None:
 
 def _training_rows(dates: pd.DatetimeIndex, given: str) -> int:
     """Return the number of rows up to `train_until`; a month or a year stands for its last instant."""
+    day = unambiguous(given, "train_until")
     try:
-        end = pd.Period(given).end_time
+        end = pd.Period(day).end_time
     except (ValueError, TypeError, AttributeError):
         raise InputError(f"train_until must be a date such as 1989-12 or 1989-12-31, got {given!r}") from None
     if len(dates) == 1:

@@ -144,6 +144,9 @@ def _aligned(
     if not len(common):
         kinds = [str(each.index.dtype) for each in (hidden, shown)]
         said = f"; the labels of secrets are of type {kinds[0]}, those of published of type {kinds[1]}"
+        zones = [getattr(each.index, "tz", None) is not None for each in (hidden, shown)]
+        if zones[0] != zones[1]:
+            said = f"; the times of {'secrets' if zones[0] else 'published'} alone have UTC offsets: write them in both files"
         raise InputError(
             f"no row label of secrets is one of published: {few(map(label_text, hidden.index), 3)} against "
             f"{few(map(label_text, shown.index), 3)}{said if kinds[0] != kinds[1] else ''}"

@@ -419,6 +419,15 @@ def test_default_fit_has_three_recurring_regimes() -> None:
     assert found.figures["ODM"]["share_regime_named"] == 1.0
 
 
+@pytest.mark.usefixtures("coarse")
+def test_the_unit_and_the_zone_of_dates_change_nothing() -> None:
+    returns = market()
+    dates = pd.DatetimeIndex(returns.index)
+    plain = run(returns)
+    for index in (dates.as_unit("s"), dates.as_unit("ns").tz_localize("Europe/Berlin")):
+        pd.testing.assert_frame_equal(run(returns.set_axis(index)).summary, plain.summary)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -302,7 +302,7 @@ def _training_rows(dates: pd.DatetimeIndex, given: str) -> int:
     if not len(dates) or not dates[0] <= end.tz_localize(dates.tz) < dates[-1]:
         middle = f", for example {dates[len(dates) // 2]:%Y-%m-%d}" if len(dates) > 2 else ""
         raise InputError(f"train_until is {given}, the returns cover {_span(dates)}: it must lie inside{middle}")
-    return int(dates.searchsorted(end.tz_localize(dates.tz), side="right"))
+    return int((dates <= end.tz_localize(dates.tz)).sum())
 
 
 def _span(dates: pd.DatetimeIndex) -> str:

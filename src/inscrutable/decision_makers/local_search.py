@@ -6,7 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 from threading import Condition
 from typing import Any
 
@@ -278,53 +278,27 @@ def _cheaper(search: _Search, reached: Array) -> Array:
     return np.asarray(search.optimal + first_met(meets) * way)
 
 
-class _Descent:
-    """Loss, constraints (≥ 0 where met) and their gradients for the solver, computed once a point, in coordinates along the
-    equalities, so that finite differences stay on them."""
-
-    def __init__(self, search: _Search, watched: _Watched, start: Array, judged: Judge) -> None:
-        region, free = search.goal.problem.constraints.in_decision, search.free
-        self._watched, self._free, self._judged = watched, free, judged
-        self._scale = max(watched.limit, np.finfo(float).tiny)
-        self._around = start + np.vstack([np.zeros(free.shape[1]), _DIFFERENCE * np.eye(free.shape[1])]) @ free.T
-        self._room = region.b_ub - region.A_ub @ start
-        self._normals = region.A_ub @ free
-        self._rules = np.empty(1 + len(self._room))
-        self._rule_slopes = np.vstack([np.zeros(free.shape[1]), -self._normals])
-        self._loss, self._slope = 0.0, np.zeros(free.shape[1])
-        self._key = b""
-
-    def _look(self, v: Array) -> None:
-        key = v.tobytes()
-        if key == self._key:
-            return
-        trials = self._around + self._free @ v
-        found, slope = self._judged(trials)
-        losses, excess = self._watched.losses(trials, found)
-        self._loss = losses[0]
-        self._slope = np.array([(loss - losses[0]) / _DIFFERENCE for loss in losses[1:]])
-        self._rules[0] = -excess / self._scale
-        self._rules[1:] = self._room - self._normals @ v
-        self._rule_slopes[0] = slope @ self._free / -self._scale
-        self._key = key
-
-    def loss(self, v: Array) -> tuple[float, Array]:
-        """Return the loss, and its gradient by forward differences."""
-        self._look(v)
-        return self._loss, self._slope
-
-    def rules(self, v: Array) -> Array:
-        """Return the unspent share of the budget and the slack of every row."""
-        self._look(v)
-        return self._rules
-
-    def rule_slopes(self, v: Array) -> Array:
-        """Return the derivatives of `rules`."""
-        self._look(v)
-        return self._rule_slopes
-
-
 def _run(search: _Search, watched: _Watched, start: Array, judged: Judge) -> None:
-    descent = _Descent(search, watched, start, judged)
-    rules: Any = {"type": "ineq", "fun": descent.rules, "jac": descent.rule_slopes}
-    minimize(descent.loss, np.zeros(search.free.shape[1]), jac=True, method="SLSQP", constraints=rules)
+    """Run the solver from one start, in coordinates along the equalities, so that finite differences stay on them."""
+    region, free = search.goal.problem.constraints.in_decision, search.free
+    origin = np.zeros(free.shape[1])
+    around = start + np.vstack([origin, _DIFFERENCE * np.eye(origin.size)]) @ free.T
+    room, normals = region.b_ub - region.A_ub @ start, region.A_ub @ free
+    scale = max(watched.limit, np.finfo(float).tiny)
+
+    @lru_cache(1)  # the solver asks for each of them at the same point
+    def look(point: bytes) -> Any:
+        """The loss, its gradient by forward differences; the share of the budget left, the slack of every row, slopes."""
+        v = np.frombuffer(point)
+        trials = around + free @ v
+        found, slope = judged(trials)
+        losses, excess = watched.losses(trials, found)
+        gradient = np.array([(loss - losses[0]) / _DIFFERENCE for loss in losses[1:]])
+        rules, slopes = np.append(-excess / scale, room - normals @ v), np.vstack([slope @ free / -scale, -normals])
+        return losses[0], gradient, rules, slopes
+
+    def loss(v: Array) -> Any:
+        return look(v.tobytes())[:2]
+
+    rules: Any = {"type": "ineq", "fun": lambda v: look(v.tobytes())[2], "jac": lambda v: look(v.tobytes())[3]}
+    minimize(loss, origin, jac=True, method="SLSQP", constraints=rules)

@@ -15,6 +15,7 @@ from inscrutable import (
     Polyhedron,
     simplex,
 )
+from inscrutable.decision_makers.search.goal import Goal
 from inscrutable.decision_makers.search.partition import face_programme
 from inscrutable.decision_makers.search.rays import farthest_decoys
 from inscrutable.decision_makers.search.region_search import writable_basis
@@ -112,8 +113,9 @@ def test_a_decision_is_as_private_as_the_end_of_any_affordable_ray(seed):
     problem = MarkowitzProblem(*large_markets.large_market(5, 15, seed))
     belief = rng.dirichlet(np.ones(5))
     decision = CounterAdversarialDecisionMaker(problem, budget=0.05).decide(belief)
-    rays, _ = farthest_decoys(problem, belief, 0.05 * abs(decision.optimal_cost))
-    assert decision.privacy >= np.linalg.norm(rays - belief, axis=1).max() * (1 - NEAR_EDGE)
+    optimal_cost = decision.optimal_cost
+    rays = farthest_decoys(Goal(problem, belief, 0.05 * abs(optimal_cost), optimal_cost))
+    assert decision.privacy >= rays.values.max() * (1 - NEAR_EDGE)
 
 
 def test_toward_a_target_a_decision_is_nearer_than_the_ray_to_it():

@@ -17,7 +17,6 @@ from inscrutable import tolerances
 from inscrutable.decision_makers.search.goal import Goal
 from inscrutable.geometry import simplex_grid
 from inscrutable.geometry.grids import resolution_for
-from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 _TARGETS = 60
@@ -31,26 +30,10 @@ def _fixed_targets(n_states: int) -> Array:
     return simplex_grid(n_states, resolution_for(n_states, _TARGETS))
 
 
-def farthest_decoys(problem: DecisionProblem, belief: Array, limit: float) -> tuple[Array, Array]:
-    """Return the farthest decoys (D,X) on rays from the belief whose regret is within `limit`, and their decisions (D,U)."""
-    ends, optimal = ray_ends(belief), problem.solve_points(belief)
-    goal = Goal(problem, belief, limit, float(problem.state_costs(optimal) @ belief))
-    shares, decisions = goal.along_rays(optimal, ends, tolerances.RAY_END)
-    return belief + shares[:, None] * (ends - belief), decisions
-
-
-def ray_ends(belief: Array) -> Array:
-    """Points of the simplex's boundary in many directions: toward a grid of beliefs."""
-    if belief.size == 1:
-        return belief[None]
-    toward = _fixed_targets(belief.size) - belief
-    length = np.linalg.norm(toward, axis=1)
-    directions = toward[length > tolerances.SAME_BELIEF] / length[length > tolerances.SAME_BELIEF, None]
+def reach_in_simplex(beliefs: Array, directions: Array) -> Array:
+    """Return how far beliefs (n,X) or (X,) may move in directions (n,X) before a probability is zero, shape (n,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        reach = np.where(directions < 0, belief / -directions, np.inf).min(axis=1)
-    kept = reach > tolerances.SAME_BELIEF
-    ends = np.maximum(belief + reach[kept, None] * directions[kept], 0.0)
-    return np.asarray(ends / ends.sum(axis=1, keepdims=True))
+        return np.asarray(np.where(directions < 0, beliefs / -directions, np.inf).min(axis=1))
 
 
 class Rays(NamedTuple):
@@ -61,17 +44,21 @@ class Rays(NamedTuple):
     values: Array  # (n,)
 
 
-def best_on_rays(goal: Goal, directions: Array) -> Rays:
+def farthest_decoys(goal: Goal) -> Rays:
+    """Return the best affordable points of rays toward a grid of beliefs."""
+    toward = _fixed_targets(goal.belief.size) - goal.belief
+    return best_on_rays(goal, toward[np.linalg.norm(toward, axis=1) > tolerances.SAME_BELIEF], tolerances.RAY_END)
+
+
+def best_on_rays(goal: Goal, directions: Array, accuracy: float = tolerances.BUDGET_SAFETY) -> Rays:
     """Return the best affordable point of each ray π + t d, for directions (n,X) that keep the sum."""
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        reach = np.where(directions < 0, goal.belief / -directions, np.inf).min(axis=1)
+    reach = reach_in_simplex(goal.belief, directions)
     point, sign = goal.reference
     if sign < 0:
-        nearest = directions @ (point - goal.belief)
-        reach = np.clip(nearest, 0.0, reach)
+        reach = np.clip(directions @ (point - goal.belief), 0.0, reach)
     ends = goal.belief + reach[:, None] * directions
     allowed = replace(goal, limit=goal.limit * (1.0 - tolerances.BUDGET_SAFETY))
-    shares, actions = allowed.along_rays(goal.problem.solve_points(goal.belief), ends, tolerances.BUDGET_SAFETY)
+    shares, actions = allowed.along_rays(goal.problem.solve_points(goal.belief), ends, accuracy)
     decoys = goal.belief + shares[:, None] * (ends - goal.belief)
     return Rays(decoys, actions, sign * np.linalg.norm(decoys - point, axis=1))

@@ -147,11 +147,10 @@ def _starts(goal: Goal, scores: Scores) -> list[Start]:
     region = goal.problem.constraints
     sets = scores.candidates.sets
     affordable = np.flatnonzero((scores.regrets <= goal.limit) & np.isfinite(scores.privacies))
-    decoys, actions = farthest_decoys(goal.problem, goal.belief, goal.limit)
-    reach = goal.reference.sign * np.linalg.norm(decoys - goal.reference.point, axis=1)
-    actions = np.vstack([scores.candidates.actions[affordable], actions])
-    decoys = np.vstack([sets.start[affordable], decoys])
-    value = np.concatenate([scores.privacies[affordable], reach])
+    rays = farthest_decoys(goal)
+    actions = np.vstack([scores.candidates.actions[affordable], rays.actions])
+    decoys = np.vstack([sets.start[affordable], rays.decoys])
+    value = np.concatenate([scores.privacies[affordable], rays.values])
     spread = _STARTS_APART * float(np.ptp(decoys, axis=0).max(initial=0.0))
     slack = region.slacks(actions)
     # The face an observer sees; and, where rows are slack by less than the least, the one with those rows loose.

@@ -19,6 +19,8 @@ from inscrutable.decision_makers.candidate_sources import decided_by
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.results import Progress
 from inscrutable.decision_makers.search.partition import Partition, face_programme
+from inscrutable.decision_makers.search.rays import reach_in_simplex
+from inscrutable.geometry.crossings import farthest
 from inscrutable.geometry.equal_rows import distinct_patterns
 from inscrutable.geometry.hulls import LARGER, sum_zero_basis
 from inscrutable.geometry.low_discrepancy import simplex_cover
@@ -71,10 +73,8 @@ as many assets or fewer 42 lose up to 50 %. They take a third to two thirds of t
 decisions none and of as many lotteries seven lose, up to .7 %, a quarter to two thirds. Under trading costs none is
 skipped either: of 1,920 decisions and as many lotteries over two and three states 26 gain, up to 23 %, and one loses .2 %, in
 1.1 times the time."""
-_RAY_STEPS, _SPARED, _FARTHER = 40, 0.02, 4.0
-"""Steps on a ray at most, the share of the budget that is not spent there, and the longest step. With eight steps 56 of 400
-decisions over two states whose costs lie a decade apart lose under a budget of .3 %, most of them all of up to 1.33. Other
-decisions take as long: their ends are near after a few steps."""
+_SPARED = 0.02
+"""Share of the budget's root that is not spent on a ray, whose end is only a start."""
 _PATIENCE, _LEAST_PATIENCE = 4, 8
 """Regions, for each state above two, whose neighbours are searched in vain before a search ends. With ten in all, 10 of 672
 decisions over six and eight states lose up to 5 %, and lotteries 10 %; with 3 at X = 5 twice as much is lost. With 6, one of
@@ -446,37 +446,21 @@ def _end_starts(space: SearchSpace, aims: Aims, ends: Array) -> Iterator[SomeSta
 
 
 def _moved_to_the_budget(problem: QuadraticProblem, aims: Aims, steps: np.ndarray, decoys: Array) -> Array:
-    """Move decoys (n,X) on their rays to just before the budget ends, and return their decisions (n,U).
+    """Move decoys (n,X) on their rays to just before the budget ends, and return their decisions (n,U)."""
+    beliefs, best = aims.beliefs[steps], aims.optimal_costs[steps]
+    limits = np.maximum(aims.limits[steps], tolerances.TINY)
+    reach = np.clip(reach_in_simplex(beliefs, decoys - beliefs), 1.0, 1.0 / tolerances.TINY)
+    away, actions = reach[:, None] * (decoys - beliefs), aims.optimal[steps]
 
-    The regret grows along a ray, and its root is linear within a region: each step is a secant step from the belief, and a
-    bisection where the secant leaves the bracket or shrinks it too slowly.
-    """
-    beliefs, limits, best = aims.beliefs[steps], aims.limits[steps], aims.optimal_costs[steps]
-    away, share = decoys - beliefs, np.ones(len(steps))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # Not out of the simplex: there a probability is zero.
-        room = np.where(away < 0.0, beliefs / -away, np.inf).min(axis=1)
-    low, high = np.zeros(len(steps)), np.maximum(room, 1.0)
-    actions, left = aims.optimal[steps], np.arange(len(steps))
-    for turn in range(_RAY_STEPS):
-        tried = problem.solve_rows(np.maximum(beliefs[left] + share[left, None] * away[left], 0.0))
-        regrets = (problem.costs_of(tried) * beliefs[left]).sum(axis=1) - best[left]
-        fits = regrets <= limits[left]
-        low[left[fits]], high[left[~fits]] = share[left[fits]], share[left[~fits]]
-        actions[left[fits]] = tried[fits]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ahead = np.sqrt((1.0 - _SPARED) * limits[left] / np.maximum(regrets, 0.0))
-        near = fits & ((ahead <= 1.0 + _SPARED) | (share[left] >= high[left]))
-        least, most = low[left], high[left]
-        ahead = share[left] * np.where(ahead < _FARTHER, ahead, _FARTHER)
-        to_the_end = fits & (ahead >= most) & (most >= room[left])
-        half = 0.5 * (least + most)
-        ahead = np.where((ahead > least) & (ahead < most), ahead, half)
-        share[left] = np.where(to_the_end, most, np.where(fits | (turn == 0), ahead, np.minimum(ahead, half)))
-        left = left[~near]
-        if not left.size:
-            break
-    decoys[:] = np.maximum(beliefs + low[:, None] * away, 0.0)
+    def excess(which: np.ndarray, shares: Array) -> Array:
+        tried = problem.solve_rows(np.maximum(beliefs[which] + shares[:, None] * away[which], 0.0))
+        regrets = (problem.costs_of(tried) * beliefs[which]).sum(axis=1) - best[which]
+        values = np.sqrt(np.maximum(regrets, 0.0) / limits[which]) - 1.0
+        actions[which[values <= 0.0]] = tried[values <= 0.0]
+        return np.asarray(values)
+
+    shares = farthest(excess, -np.ones(len(steps)), spare=_SPARED)
+    decoys[:] = np.maximum(beliefs + shares[:, None] * away, 0.0)
     return np.asarray(actions)
 
 

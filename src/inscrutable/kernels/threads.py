@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cache
 from threading import Event, local
@@ -52,42 +52,31 @@ def in_chunks(
     An error in `work`, or Ctrl-C, ends the call as soon as the chunks under way have ended, and is raised here.
     `progress(items done, count)` is called on the calling thread, after each of its chunks and at the end.
     """
-    if count <= chunk:
-        if count > 0:
-            work(0, count)
-        if count > 0 and progress is not None:
-            progress(count, count)
-        return
     starts = iter(range(0, count, chunk))  # taking the next entry is one step under the interpreter's lock
     ended: list[int] = []
-    stop = Event()
+    stop, was_busy = Event(), getattr(_here, "busy", False)
+    helpers = 0 if was_busy or count <= chunk else min(thread_count(), -(-count // chunk)) - 1
 
-    def take() -> Iterator[int]:
-        for first in starts:
-            before = getattr(_here, "busy", False)
-            _here.busy = before or helpers > 0
-            try:
+    def take(told: Callable[[int, int], None] | None) -> None:
+        before = getattr(_here, "busy", False)
+        _here.busy = before or helpers > 0
+        try:
+            for first in starts:
                 work(first, min(first + chunk, count))
-            finally:
-                _here.busy = before
-            ended.append(first)
-            yield min(len(ended) * chunk, count)
-            if stop.is_set():
-                return
+                ended.append(first)
+                if told is not None:
+                    told(min(len(ended) * chunk, count), count)
+                if stop.is_set():
+                    break
+        except BaseException:
+            stop.set()
+            raise
+        finally:
+            _here.busy = before
 
-    def help_out() -> None:
-        for _ in take():
-            pass
-
-    alone = getattr(_here, "busy", False)
-    helpers = 0 if alone else min(thread_count(), -(-count // chunk)) - 1
-    futures: list[Future[None]] = [_pool(os.getpid(), helpers).submit(help_out) for _ in range(helpers)]
+    futures: list[Future[None]] = [_pool(os.getpid(), helpers).submit(take, None) for _ in range(helpers)]
     try:
-        for done in take():
-            if progress is not None:
-                progress(done, count)
-            if any(future.done() and future.exception() is not None for future in futures):
-                break
+        take(progress)
     finally:
         stop.set()
         # A helper that has not begun has nothing left to do.

@@ -147,6 +147,9 @@ def test_candidates_may_be_plain_decisions():
     found = mechanism(OriginalDecisionMaker(problem), [[0.9, 0.1], [0.5, 0.5]], [[0.25, 0.75], [0.5, 0.5]])
     assert found.actions[:2].tolist() == [[0.25, 0.75], [0.5, 0.5]]
     assert found.played([0.5, 0.5]) == pytest.approx([0.0, 0.5, 0.5])
+    for wrong in ([1.0], [1.5, -0.5], [np.nan, 1.0], np.full((2, 1), 0.5)):
+        with pytest.raises(InputError, match="weights"):
+            found.played(wrong)
 
 
 def test_equal_decisions_are_one():

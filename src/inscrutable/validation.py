@@ -35,6 +35,8 @@ def real_array(value: Any, name: str, axes: Axes | None = None) -> Array:
     plain = value if type(value) is np.ndarray else ordered(value, name, axes)
     if isinstance(plain, np.ndarray) and np.iscomplexobj(plain):
         raise InputError(f"{name} must be real numbers, got complex ones")
+    if isinstance(plain, np.ndarray) and plain.dtype.kind in "mM":
+        raise InputError(f"{name} must be numbers, got dates or spans of time ({plain.dtype})")
     if isinstance(plain, np.ma.MaskedArray):
         plain = np.ma.filled(plain.astype(np.float64), np.nan)
     try:
@@ -157,10 +159,11 @@ def check_positive_semidefinite(matrix: Array, name: str, why: str) -> None:
 
 def points(value: ArrayLike, n_actions: int, names: Names | None = None) -> Array:
     """Return decisions (…,U) as floats, aligned with the coordinates' names; an array of floats is not copied."""
-    found = np.asarray(value) if type(value) is np.ndarray else real_array(value, "action", (Axis("asset", names),))
+    is_plain = type(value) is np.ndarray and value.dtype == np.float64
+    found = np.asarray(value) if is_plain else real_array(value, "action", (Axis("asset", names),))
     if found.ndim == 0 or found.shape[-1] != n_actions:
         raise InputError(f"action has shape {found.shape}, expected {n_actions} coordinates in the last axis")
-    return np.asarray(found, dtype=np.float64)
+    return found
 
 
 def time_order(index: Any, name: str) -> None:

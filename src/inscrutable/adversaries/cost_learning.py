@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -76,7 +77,7 @@ class CostLearningAdversary:
             InputError: As `MarkowitzProblem`.
             ModelError: As `MarkowitzProblem`.
         """
-        return cls(lambda value: MarkowitzProblem(means, covariances, value, constraints), bounds)
+        return cls(partial(_investor, means, covariances, constraints), bounds)
 
     def learn(self, actions: ArrayLike, *, rounding: float = 0.0) -> LearnedCost:
         """Return the values of the parameter that explain every decision.
@@ -113,3 +114,9 @@ class CostLearningAdversary:
 
     def __repr__(self) -> str:
         return f"CostLearningAdversary({self._family.problem!r}, bounds {self._family.bounds})"
+
+
+def _investor(
+    means: ArrayLike, covariances: ArrayLike, constraints: Polyhedron | None, risk_aversion: float
+) -> MarkowitzProblem:
+    return MarkowitzProblem(means, covariances, risk_aversion, constraints)

@@ -103,7 +103,13 @@ class Mechanism(Summarised, Saved):
 
     def played(self, weights: ArrayLike) -> Array:
         """Return the probability of each action under weights of the beliefs: Σ_b w_b K(u_m|π_b), shape (M,)."""
-        return np.asarray(self.sparse.T @ validation.real_array(weights, "weights"))
+        held = validation.finite_array(weights, "weights", ndim=1)
+        if len(held) != len(self.beliefs) or held.min() < -tolerances.BELIEF_SUM:
+            raise InputError(
+                f"weights has {len(held)} entries, the least {held.min():g}; expected one of at least 0 for each of the "
+                f"{len(self.beliefs)} beliefs"
+            )
+        return np.asarray(self.sparse.T @ held)
 
     @property
     def expected_regrets(self) -> Array:

@@ -24,6 +24,7 @@ _LEAST_SCALE = 2.0**-30  # costs that are flat up to rounding at these points ha
 _SAME = tolerances.EXACT_COST
 _FOREIGN = {"boolean", "integer", "complex", "imag"}
 """Attributes of variables under which the feasible set is not a convex set of real vectors."""
+_COMPILED = ("_compiled", "_cones", "_parsed", "_trees")
 _one_at_a_time = RLock()
 """Held where values are set and read: CVXPY keeps them in variables and parameters, which problems and threads may share."""
 
@@ -32,7 +33,6 @@ class Modelled:
     """X convex expressions of one variable, and the polyhedron of affine constraints on it."""
 
     def __init__(self, variable: Any, costs: Sequence[Any], constraints: Any) -> None:
-        self._cvxpy = _imported()
         if not isinstance(variable, self._cvxpy.Variable) or variable.ndim != 1:
             raise InputError(f"variable must be a cvxpy.Variable of shape (U,), got {variable!r}")
         self._solved: dict[bytes, Array] = {}
@@ -42,6 +42,14 @@ class Modelled:
         self.n_actions = int(variable.size)
         with _one_at_a_time:
             self.region = self._region(constraints)
+
+    def __getstate__(self) -> dict[str, object]:
+        """What is compiled from CVXPY's expressions cannot be pickled: a copy compiles its own."""
+        return {name: value for name, value in vars(self).items() if name not in _COMPILED}
+
+    @property
+    def _cvxpy(self) -> Any:
+        return _imported()
 
     @property
     def is_quadratic(self) -> bool:

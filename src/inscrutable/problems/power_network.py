@@ -202,6 +202,10 @@ class PowerNetwork:
             raise InputError(f"{name} has bus {int(bad.flat[0])}, expected 0 to {self.n_buses - 1}")
         return given
 
+    def __getstate__(self) -> dict[str, object]:
+        """A sparse factorisation cannot be pickled: a copy makes its own."""
+        return {name: value for name, value in vars(self).items() if name != "_factors"}
+
     def _labelled_places(self, given: np.ndarray, name: str) -> np.ndarray:
         known = {label: place for place, label in enumerate(self.bus_labels)}
         found = np.empty(given.shape, dtype=np.int64)

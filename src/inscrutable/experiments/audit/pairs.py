@@ -107,7 +107,7 @@ def _table(value: Any, name: str) -> pd.DataFrame:
             raise InputError(f"{name} must be rows of shape (T,) or (T,U), got shape {given.shape}")
         alone = given.ndim == 1 or given.shape[1] == 1
         columns = [name] if alone else [f"{name} {k + 1}" for k in range(given.shape[1])]
-        table = pd.DataFrame(given.reshape(len(given), -1), columns=columns)
+        table = pd.DataFrame(given[:, None] if given.ndim == 1 else given, columns=columns)
     if not table.columns.is_unique or not table.shape[1]:
         twice = list(dict.fromkeys(table.columns[table.columns.duplicated()]))
         raise InputError(f"{name} must have at least one column, each name once; twice: {few(twice) or 'none'}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -591,3 +592,18 @@ def test_weights_have_the_sum_of_the_model(net, tmp_path, capsys):
     said = capsys.readouterr().err
     assert f"expected {net:g} within" in said
     assert "--normalise" not in said
+
+
+def test_lists_of_holdings_may_name_the_unit_of_their_columns(tmp_path: Path) -> None:
+    file = tmp_path / "fund.csv"
+    file.write_text("Ticker,Weight (%)\nOil,75.00\nGas,25.00\n")
+    assert read_holdings(file, assets=["Gas", "Oil"]).frame.to_numpy().tolist() == [[0.25, 0.75]]
+    file.write_text('ticker,shares,"market value ($)"\nOil,3,30.00\nGas,1,10.00\n')
+    assert read_holdings(file, assets=["Gas", "Oil"]).frame.to_numpy().tolist() == [[0.25, 0.75]]
+
+
+def test_titles_and_notes_around_a_table_are_said_to_go(tmp_path: Path) -> None:
+    file = tmp_path / "fund.csv"
+    file.write_text("ticker,weight\nOil,75.00\nGas,25.00\nNo advice\n")
+    with pytest.raises(InputError, match=r"line 4: 1 cells, expected 2 .* notes below it must be deleted"):
+        read_holdings(file, assets=["Gas", "Oil"])

@@ -83,7 +83,10 @@ def read_text_table(path: str | os.PathLike[str]) -> TextTable:
         raise InputError(f"{source} has only a header; expected rows of numbers below it")
     for line, cells in body:
         if len(cells) != len(header):
-            raise InputError(f"{source}, line {line}: {len(cells)} cells, expected {len(header)} as in the header")
+            raise InputError(
+                f"{source}, line {line}: {len(cells)} cells, expected {len(header)} as in the header; titles above the table "
+                "and notes below it must be deleted"
+            )
     table = TextTable(source, header, tuple(line for line, _ in body), tuple(cells for _, cells in body))
     return table if separator == "," else _with_points(table)
 
@@ -242,6 +245,6 @@ def _check_header(source: Path, header: tuple[str, ...]) -> None:
         if name in first:
             raise InputError(
                 f"{source}, line 1: column {name!r} is duplicated (columns {first[name]} and {index}), "
-                "expected each name once"
+                "expected one header line with each name once"
             )
         first[name] = index

@@ -24,6 +24,7 @@ from inscrutable.labels import label_text
 _CASH = {"cash", "usd", "eur", "money market", "cash and equivalents", "cash & equivalents", "cash_usd"}
 _TICKERS, _VALUES = ("ticker", "symbol", "asset"), ("value", "market value", "dollars", "weight", "percent")
 _SHARES, _PRICES = ("shares", "quantity", "units"), ("price", "close")
+_UNIT = re.compile(r"\s*\([^)]*\)$")  # as in "weight (%)" and "market value ($)"
 _LONG = {*_TICKERS, *_VALUES, *_SHARES, *_PRICES, "date"}
 _AMOUNT = re.compile(
     r"(?P<minus>-?)\$?(?P<number>[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?|\d+\.?\d*|\.\d+)(?P<percent>\s*%?)", re.ASCII
@@ -80,7 +81,7 @@ def read_holdings(
         {'OIL': [0.857], 'GAS': [0.143], 'FOOD': [0.0]}
     """
     table = read_text_table(path)
-    header = [name.lower() for name in table.header]
+    header = [_UNIT.sub("", name.lower()) for name in table.header]
     known = _Names(table, list(map(str, assets)), dict(names or {}))
     is_long = any(name in _TICKERS for name in header) and any(name in (*_VALUES, *_SHARES) for name in header)
     values, halves, cash, index = _long(table, header, known) if is_long else _wide(table, known)
@@ -339,7 +340,7 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, str]:
         {'037833100': 'AAPL', 'GLD': ''}
     """
     table = read_text_table(path)
-    header = [name.lower() for name in table.header]
+    header = [_UNIT.sub("", name.lower()) for name in table.header]
     if sorted(header) != ["asset", "name"]:
         raise InputError(f"{table.path}, line 1: columns {', '.join(table.header)}, expected 'name' and 'asset'")
     name, asset = header.index("name"), header.index("asset")

@@ -442,7 +442,8 @@ def _check_fractions(table: TextTable, values: NDArray[np.float64]) -> None:
         raise InputError(
             f"{table.path}: {large} of {values.size} returns exceed 1 in size, for one "
             f"{_first(table, np.abs(values) > 1.0, values)}. These look like percentages or prices; expected fractions, "
-            "0.01 for one per cent: divide percentages by 100, read prices with prices=True (--prices)"
+            "0.01 for one per cent: divide percentages by 100; prices are read by `backtest --prices` and "
+            "read_returns(…, prices=True)"
         )
     whole = np.flatnonzero((np.abs(values) > 1.0).all(axis=0) & (len(values) > 1))
     if whole.size:

@@ -299,6 +299,7 @@ def _check_rows(model: InvestorModel, published: Array, index: pd.Index, half_un
         raise InputError(
             f"weights row {_row_name(index, row)} misses {name!r} by {amounts[row, constraint]:.3g}, "
             f"expected at most {allowed[constraint]:.3g} from rounding"
+            + ("; short holdings need the limit long_short (--long-short)" if name.endswith(">= 0") else "")
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cvxpy as cp
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,8 +10,10 @@ from scipy.optimize import linprog
 
 from inscrutable import (
     Budget,
+    ConvexProblem,
     CounterAdversarialDecisionMaker,
     DesiredObfuscation,
+    KellyProblem,
     LinearProblem,
     MarkowitzProblem,
     MaximalObfuscation,
@@ -21,6 +24,7 @@ from inscrutable import (
     ProbabilisticDecisionMaker,
     QuadraticProblem,
     box,
+    cheapest_privacy,
     check_decision_problem,
     consistent_beliefs,
     decoy_grid,
@@ -140,3 +144,27 @@ def test_an_end_that_only_the_repair_meets_is_named_too():
     working = _Working(np.zeros(2, dtype=np.int8), np.zeros(0, dtype=bool))
     with pytest.raises(ModelError, match="unbounded below along"):
         _repair(np.zeros((2, 2)), np.array([1.0, 0.0]), layout, working, np.array([0.5, 0.5]))
+
+
+def indifferent(kind):
+    """A problem over two states, in the second of which all decisions cost the same."""
+    if kind == "growth":
+        gains = [[[1.5, 1.5], [1.0, 0.5]], [[1.5, 1.5], [0.5, 0.5]]]
+        return KellyProblem(gains, [[0.6, 0.4], [0.1, 0.9]])
+    if kind == "modelled":
+        shares = cp.Variable(2)
+        costs = [cp.sum_squares(shares - [0.2, 0.8]) + 1e-3 * cp.exp(shares[0]), 0 * shares[0] + 1]
+        return ConvexProblem(shares, costs, [shares >= 0, cp.sum(shares) == 1])
+    bend = 0.0 if kind == "flat" else 1.0
+    return QuadraticProblem([bend * np.eye(2), np.zeros((2, 2))], [[1.0, 0.0], [1.0, 1.0]], constraints=simplex(2))
+
+
+@pytest.mark.parametrize("kind", ["growth", "modelled", "flat", "bent"])
+def test_a_state_in_which_all_decisions_cost_the_same_explains_what_no_other_does(kind):
+    """Beside the decision of the other state: the lottery, the frontier and the least cost find it as the decision does."""
+    problem, belief = indifferent(kind), [0.3, 0.7]
+    far = pytest.approx(0.3 * np.sqrt(2.0), abs=1e-5)
+    assert CounterAdversarialDecisionMaker(problem, budget=0.1).decide(belief).privacy == far
+    assert ProbabilisticDecisionMaker(problem, budget=0.1).decide(belief).expected_privacy == far
+    assert privacy_frontier(problem, belief).points[:, 1].max() == far
+    assert cheapest_privacy(problem, belief, privacy=0.2).privacy >= 0.2

@@ -178,7 +178,8 @@ MOST_DECOYS = 600_000
 def decoy_grid(problem: DecisionProblem, resolution: int, *, faces: bool = False) -> Candidates:
     """Return the optimal decisions of decoys, beliefs spread over the simplex that the agent may play in place of its own.
 
-    Formula: {u*(y) : y ∈ Δ_X, r·y whole}; nothing plausible is lost, since Π(u) ≠ ∅ exactly when u = u*(y) for some y.
+    Formula: {u*(y) : y ∈ Δ_X, r·y whole}; where u*(y) is unique nothing plausible is lost, since
+    Π(u) ≠ ∅ exactly when u is optimal for some y.
     Where these would be more than 600,000, the finest regular grid of that size is taken, and above six states it is filled
     up with low-discrepancy points in the interior (`geometry.low_discrepancy.simplex_cover`). Either way all vertices are
     there and all faces of the simplex are covered; `summary()` states the largest distance from a belief to the nearest
@@ -222,14 +223,30 @@ def decoy_grid(problem: DecisionProblem, resolution: int, *, faces: bool = False
 
 def default_decoys(problem: DecisionProblem) -> Candidates:
     """Return the candidates that are used where none are given: about 5,000 decoys on a regular grid, filled up to at most
-    6,250 above six states. Linear and piecewise linear costs add mixtures of tied vertices; a finite problem has its explained
-    choices alone."""
+    6,250 above six states. Linear and piecewise linear costs add mixtures of tied vertices; where a state is indifferent, other
+    costs add decisions beside those of decoys. A finite problem has its explained choices alone."""
     if checked_problem(problem).is_discrete:
         every = _explained(problem, np.eye(problem.n_actions))
         assert every is not None, "some choice is the cheapest for every belief"
         return every
     found = decided_by(problem, simplex_cover(problem.n_states, DEFAULT_SIZE))
-    return found if problem.linear_form() is None else found.joined(tied_mixtures(problem, found))
+    if problem.linear_form() is not None:
+        return found.joined(tied_mixtures(problem, found))
+    return found.joined(near_decoys(problem)) if _has_indifferent_state(problem, found) else found
+
+
+def _has_indifferent_state(problem: DecisionProblem, candidates: Candidates) -> bool:
+    """Whether all decisions cost the same in one state, not in all: that state alone explains what no other belief does."""
+    if not _one_is_flat(candidates.state_costs) or not np.isfinite(problem.constraints.bounding_box).all():
+        return False
+    halfway = 0.5 * (candidates.actions[0] + coordinate_ends(problem))  # inside the domain of the costs
+    costs = np.vstack([candidates.state_costs, problem.state_costs(halfway)])
+    return _one_is_flat(costs) and bool(np.ptp(costs, axis=0).max() > 0.0)
+
+
+def _one_is_flat(costs: Array) -> bool:
+    spread = np.ptp(costs, axis=0)
+    return bool(spread.min() <= tolerances.COST_ACCURACY * spread.max())
 
 
 def _explained(problem: DecisionProblem, choices: Array) -> Candidates | None:

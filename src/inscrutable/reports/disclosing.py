@@ -47,12 +47,12 @@ def summary_data(table: DisclosureTable, title: str) -> dict[str, Any]:
 
 
 def draw_disclosures(table: DisclosureTable, folder: Path) -> list[Path]:
-    """Draw the error at every step for up to six schedules, and its mean and the bits per step for all; return the paths."""
+    """Draw the error at every step for up to six schedules, late ones first, its mean and the bits per step for all."""
     looks = looks_of([row.disclosure for row in table.rows])
     steps, places = np.arange(table.n_steps), np.arange(len(table.rows))
     with drawing(_WIDTH, _HEIGHT, ncols=2, width_ratios=[5, 4]) as (figure, (left, right)):
-        late = [row for row in table.rows if not Disclosure.of(row.disclosure).schedule.is_immediate]
-        for row in (late or table.rows)[:_MOST_CURVES]:
+        late_first = sorted(table.rows, key=lambda row: Disclosure.of(row.disclosure).schedule.is_immediate)
+        for row in late_first[:_MOST_CURVES]:
             look = looks[row.disclosure]
             left.plot(steps, row.errors, look.line, color=look.colour, label=row.disclosure)
         dashed = {"color": BLACK, "linestyle": "--", "linewidth": 0.8}
@@ -81,5 +81,7 @@ def draw_disclosures(table: DisclosureTable, folder: Path) -> list[Path]:
         right.text(0.99, 1.01, "bits a step", ha="right", va="bottom", fontsize=6, transform=right.transAxes)
         right.set_yticks(places, [row.disclosure for row in table.rows])
         right.invert_yaxis()
-        right.set(xlabel="error in the long run; dashed: without decisions", xlim=(0, 1.4 * table.prior_error or 1))
+        right.set(
+            xlabel="error over the second half; dashed: without decisions", xlim=(0, 1.4 * table.prior_error or 1)
+        )
         return save_figure(figure, folder, "disclosures")

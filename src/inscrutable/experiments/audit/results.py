@@ -113,7 +113,8 @@ class SecretAudit(Saved):
         names = [f"{each.name} ({each.explained:.0%})" for each in told if each.kind == "column"]
         late = [f"{each.name} ({each.explained:.0%})" for each in told if each.kind == "lag"]
         lines = [
-            f"{self.name}: leaks (p = {self.p_value:.2g}), since {self.since}; noticed by {self.noticed}.",
+            f"{self.name}: leaks (p = {self.p_value:.2g}: one audit in {round(1.0 / self.p_value)} without a leak says so), "
+            f"since {self.since}; noticed by {self.noticed}.",
             f"  {self._errors()}",
             f"  explained {self.explained:.1%} of it; columns that leak alone: {few(names, _MOST_SOURCES) or 'none'}"
             + (f"; lags: {few(late, _MOST_SOURCES)}" if late else ""),

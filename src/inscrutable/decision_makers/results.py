@@ -365,8 +365,8 @@ class Decisions(_Many):
 
     @classmethod
     def _made(cls, parts: dict[str, Any]) -> Self:
-        atoms = (parts[name][:, None] for name in ("regret", "privacy", "decoy", "action"))
-        found = cls(_read(parts, np.ones((len(parts["regret"]), 1)), *atoms))
+        action, *columns = (parts[name][:, None] for name in ("action", "regret", "privacy", "decoy"))
+        found = cls(_read(parts, action, np.ones((len(action), 1)), *columns))
         vars(found)["belief_set"] = parts["belief_set"]
         return found
 
@@ -417,9 +417,8 @@ class MixedDecisions(_Many):
 
     @classmethod
     def _made(cls, parts: dict[str, Any]) -> Self:
-        return cls(
-            _read(parts, *(parts[name] for name in ("probabilities", "regrets", "privacies", "decoys", "actions")))
-        )
+        names = "actions", "probabilities", "regrets", "privacies", "decoys"
+        return cls(_read(parts, *(parts[name] for name in names)))
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""
@@ -450,12 +449,9 @@ class MixedDecisions(_Many):
         return Decisions(self.table.one_of_each(_drawn(self.probabilities, source)))
 
 
-def _read(parts: dict[str, Any], probabilities: Array, *atoms: Array) -> ResultTable:
-    """The table of a saved result, checked; atoms are regrets, privacies, decoys and decisions."""
-    columns: Any
-    *columns, actions = atoms
-    names = ("optimal_cost", "privacy_bound", "status", "price", "oracle_calls")
-    table = ResultTable(None, actions, probabilities, *columns, *(parts.get(name) for name in names))
+def _read(parts: dict[str, Any], *atoms: Any) -> ResultTable:
+    """The table of a saved result, checked; atoms are decisions, probabilities, regrets, privacies and decoys."""
+    table = ResultTable(None, *atoms, *(parts.get(name) for name in _Many._saved))
     check_loaded(table, parts)
     return table
 
@@ -502,8 +498,7 @@ def stack_mixed(decisions: Sequence[MixedDecision], problem: DecisionProblem | N
 
 def _table(decisions: Sequence[Any], problem: DecisionProblem | None, actions: Array, *columns: Any) -> ResultTable:
     points = actions if problem is None else problem.as_points(actions)
-    names = ("optimal_cost", "privacy_bound", "status", "price", "oracle_calls")
-    optimal_cost, bound, status, price, calls = ([getattr(each, name) for each in decisions] for name in names)
+    optimal_cost, bound, status, price, calls = ([getattr(each, name) for each in decisions] for name in _Many._saved)
     rest: Any = (*columns, np.array(optimal_cost), np.array(bound), tuple(status), np.array(price), np.array(calls))
     return ResultTable(problem, points, *rest)
 

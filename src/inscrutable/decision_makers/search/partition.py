@@ -50,7 +50,6 @@ class Partition:
         """Begin anew, with no region known."""
         n_rows = len(self.problem.constraints.b_ub)
         self._numbers: dict[bytes, int] = {}
-        self._programmes: dict[int, FaceProgramme] = {}
         self._curves, self._rows, self._charts = _Flat(), _Flat(), _Flat()
         numbers, table, truths = np.empty(0, np.int64), np.empty((0, n_rows), np.int64), np.empty((0, n_rows), np.bool_)
         self._table = Regions(
@@ -128,18 +127,12 @@ class Partition:
             for column in self._table
         ))  # fmt: skip
 
-    def programme(self, number: int) -> FaceProgramme:
-        """Return the programme of a region."""
-        self.make(np.array([number]))
-        return self._programmes[number]
-
     def make(self, numbers: np.ndarray) -> None:
         """Make the programmes of regions that have none yet."""
         with self._lock:
             table = self._table
             for number in sorted(set(numbers[table.size[numbers] == UNKNOWN].tolist())):
                 face = face_programme(self.problem, table.tight[number].copy())
-                self._programmes[int(number)] = face
                 table.size[number], table.n_rows[number] = face.span.shape[1], len(face.rows)
                 table.n_set_rows[number], table.scale[number] = face.n_set_rows, face.scale
                 table.is_point[number] = face.has_single_beliefs

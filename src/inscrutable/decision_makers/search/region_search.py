@@ -143,15 +143,11 @@ class SearchSpace:
 
     def _explained_once(self, actions: Array) -> np.ndarray:
         """Whether one belief alone explains each decision (n,U): the consistent beliefs nearest to all corners are the same."""
-        problem = self.problem
-        numbers = self.partition.holding(actions)
-        self.partition.make(numbers)
-        basis = writable_basis(problem.n_states)
-        alone = np.ones(len(actions), dtype=np.bool_)
-        for j, number in enumerate(numbers):
-            programme = self.partition.programme(int(number))
-            place = programme.w(actions[j])
-            alone[j] = is_explained_once(programme.arrays, place, basis, programme.n_set_rows)
+        patterns, which = distinct_patterns(self.problem.constraints.tight_rows(actions))
+        faces = [face_programme(self.problem, tight) for tight in patterns]
+        basis, alone = writable_basis(self.problem.n_states), np.ones(len(actions), dtype=np.bool_)
+        for j, face in enumerate(faces[number] for number in which):
+            alone[j] = is_explained_once(face.arrays, face.w(actions[j]), basis, face.n_set_rows)
         return alone
 
     @cached_property

@@ -11,7 +11,7 @@ from inscrutable import tolerances, validation
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.hiding import Case, HidingDecisionMaker
+from inscrutable.decision_makers.hiding import DISTANCES, Case, HidingDecisionMaker
 from inscrutable.decision_makers.indicator_search import cheapest_by_search
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.local_search import LocalSearch, search_locally
@@ -31,7 +31,7 @@ from inscrutable.decision_makers.search.goal import Goal
 from inscrutable.decision_makers.search.region_search import best_in_regions, farthest_corners
 from inscrutable.decision_makers.search.smooth import Trial, polish
 from inscrutable.errors import InputError
-from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
+from inscrutable.privacy import PrivacyMeasure
 from inscrutable.privacy.measures import Reference
 from inscrutable.problems import DecisionProblem, quadratic_problem
 from inscrutable.problems.magnitudes import MagnitudeRegion
@@ -167,7 +167,6 @@ def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> D
     )
 
 
-_DISTANCES = MaximalObfuscation, DesiredObfuscation
 _KINDS = np.array([DecisionStatus.POLISHED, DecisionStatus.NO_AFFORDABLE_PRIVACY, DecisionStatus.OPTIMAL], dtype=object)
 
 
@@ -175,7 +174,7 @@ def _best_at(case: Case, step: int, belief: Array) -> Decision:
     """The best decision of one belief; the latest are kept with the candidates, for other decision makers."""
     at_step = replace(case, measure=case.measure.at_step(step))
     reference = at_step.measure.reference(belief)
-    is_known = type(case.measure) in _DISTANCES
+    is_known = type(case.measure) in DISTANCES
     goal = at_step.measure if reference is None or not is_known else (reference.point.tobytes(), reference.sign)
     key = (belief.tobytes(), case.budget, goal, case.on_empty)
     return case.candidates.once(key, lambda: _search(at_step, belief, reference))
@@ -189,39 +188,35 @@ def _search(case: Case, belief: Array, reference: Reference | None) -> Decision:
     quadratic = quadratic_problem(problem)
     if case.measure.is_indicator:
         return cheapest_by_search(case, belief[None], best_decisions).decisions()[0]
+    found, least = None, -np.inf
     if reference is not None and case.on_empty == "exclude" and quadratic is not None:
         found = _searched(case, belief[None])[0]
-        if type(case.measure) not in _DISTANCES:
+        if type(case.measure) not in DISTANCES:
             # The measure may be a function of a distance without being equal to it.
             privacy = float(case.measure(belief, found.belief_set))
             found = replace(found, privacy=privacy, privacy_bound=max(case.measure.upper_bound(belief), privacy))
-        if quadratic.is_strictly_convex or not _some_candidate_is_better(case, belief, found, limit):
+        if quadratic.is_strictly_convex:
             return found
-        other = _search_candidates(case, belief, optimal, optimal_cost, limit)
-        return other if other.privacy > found.privacy + tolerances.NO_PRIVACY else found
-    return _search_candidates(case, belief, optimal, optimal_cost, limit)
-
-
-def _some_candidate_is_better(case: Case, belief: Array, found: Decision, limit: float) -> bool:
-    """Whether a candidate is better than the search's decision, as may be where decisions of a region are tied."""
-    scores = score(belief, found.optimal_cost, case.candidates, case.measure, case.on_empty)
+        least = found.privacy + tolerances.NO_PRIVACY
+    scores = score(belief, optimal_cost, case.candidates, case.measure, case.on_empty)
     index = scores.best(limit)
-    return index is not None and bool(scores.privacies[index] > found.privacy + tolerances.NO_PRIVACY)
+    # A candidate may be better than the search's decision where decisions of a region are tied.
+    if found is not None and (index is None or not scores.privacies[index] > least):
+        return found
+    other = _search_candidates(Goal(problem, belief, limit, optimal_cost, case.measure), optimal, scores, index)
+    return other if found is None or other.privacy > least else found
 
 
-def _search_candidates(case: Case, belief: Array, optimal: Array, optimal_cost: float, limit: float) -> Decision:
-    """The search by candidates and their judged sets, for every measure and problem."""
-    problem, measure = case.problem, case.measure
-    scores = score(belief, optimal_cost, case.candidates, measure, case.on_empty)
-    status = DecisionStatus.BEST_CANDIDATE
-    index = scores.best(limit)
+def _search_candidates(goal: Goal, optimal: Array, scores: Scores, index: int | None) -> Decision:
+    """The search by candidates, the best of which is at `index`, and their judged sets, for every measure and problem."""
+    problem, belief, measure, status = goal.problem, goal.belief, goal.measure, DecisionStatus.BEST_CANDIDATE
     if index is not None and np.isposinf(scores.privacies[index]):
         return decision_for(problem, belief, scores.candidates.actions[index], measure, DecisionStatus.UNBOUNDED)
     reference = measure.reference(belief)
     if reference is None:
         action = None if index is None else scores.candidates.actions[index]
     else:
-        action, status = _most_private(Goal(problem, belief, limit, optimal_cost, measure), scores, index)
+        action, status = _most_private(goal, scores, index)
     own = decision_for(problem, belief, optimal, measure, DecisionStatus.OPTIMAL)
     if action is not None:
         chosen = decision_for(problem, belief, action, measure, status)

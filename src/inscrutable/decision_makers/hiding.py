@@ -25,6 +25,8 @@ from inscrutable.validation import Array
 
 One = TypeVar("One", Decision, MixedDecision)
 Many = TypeVar("Many", Decisions, MixedDecisions)
+DISTANCES = MaximalObfuscation, DesiredObfuscation
+"""The measures that are ± the distance to a belief."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,7 @@ class Case:
     @cached_property
     def is_quadratic_distance(self) -> bool:
         """Whether kernels know the problem and the measure: costs of a quadratic form, and ± the distance to a belief."""
-        is_distance = type(self.measure) in (MaximalObfuscation, DesiredObfuscation) and self.on_empty == "exclude"
+        is_distance = type(self.measure) in DISTANCES and self.on_empty == "exclude"
         return is_distance and quadratic_problem(self.problem) is not None
 
 

@@ -11,7 +11,6 @@ from threading import Condition
 from typing import Any
 
 import numpy as np
-from scipy.linalg import null_space
 from scipy.optimize import minimize
 
 from inscrutable import validation
@@ -83,8 +82,7 @@ class _Search:
     def __init__(self, problem: DecisionProblem, belief: Array, measure: PrivacyMeasure, limit: float) -> None:
         self.optimal = np.asarray(problem.solve(belief))
         self.goal = Goal(problem, belief, limit, float(problem.state_costs(self.optimal) @ belief), measure)
-        equalities = problem.constraints.A_eq
-        self.free = null_space(equalities) if len(equalities) else np.eye(self.optimal.size)
+        self.free = problem.constraints.directions()
 
     def judged(self, actions: Array) -> Judgement:
         """Judge trials (n,U): explained ones alone, unless decisions that no belief explains are sought.

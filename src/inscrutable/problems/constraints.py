@@ -291,6 +291,11 @@ class Polyhedron:
         """Return a decision (U,) that minimises a linear function (U,) with a minimum over the set."""
         return minimum(direction, Rows(self.A_ub, self.b_ub), Rows(self.A_eq, self.b_eq)).x
 
+    def directions(self, tight: np.ndarray | None = None) -> Array:
+        """Return an orthonormal basis (U,k) of the directions in the set, or on the face with the inequality rows `tight`."""
+        normals = self.A_eq if tight is None else np.vstack([self.A_ub[tight], self.A_eq])
+        return null_space(normals, rcond=tolerances.ON_FACE) if len(normals) else np.eye(self.n_actions)
+
     def affine_hull(self, ends: Array) -> Array:
         """Return directions (U,k) that span the set, of which `ends` (n,U) are extreme in every coordinate."""
         hull = np.vstack([self.A_eq, self.A_ub[self._flat_rows(ends)]])

@@ -12,7 +12,6 @@ from threading import RLock
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import null_space
 
 from inscrutable import tolerances
 from inscrutable.geometry.held_coordinates import held_coordinates
@@ -283,7 +282,7 @@ def _chart(region: Polyhedron, tight: np.ndarray) -> _Chart:
 def _decomposed_chart(region: Polyhedron, tight: np.ndarray) -> _Chart:
     """The chart for any rows, by singular value decompositions."""
     normals = np.vstack([region.A_ub[tight], region.A_eq])
-    span = np.ascontiguousarray(null_space(normals, rcond=tolerances.ON_FACE))
+    span = np.ascontiguousarray(region.directions(tight))
     origin = np.linalg.lstsq(normals, np.concatenate([region.b_ub[tight], region.b_eq]), rcond=None)[0]
     inequalities = region.stationarity(tight).inequalities
     return _Chart(

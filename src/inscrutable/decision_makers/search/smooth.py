@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import null_space
 
 from inscrutable import tolerances
 from inscrutable.decision_makers.scores import Scores
@@ -130,7 +129,7 @@ def polish(goal: Goal, scores: Scores) -> Trial | None:
     on_rays: list[Start] = []
     others = []
     for start in _starts(goal, scores):
-        free = _free_directions(goal, start.tight)
+        free = goal.problem.constraints.directions(start.tight)
         if _goes_on_rays(goal, free):
             on_rays.append(start)
         else:
@@ -183,7 +182,7 @@ def _leaving(goal: Goal) -> list[Start]:
     for row in np.flatnonzero(tight):
         others = tight.copy()
         others[row] = False
-        free = _free_directions(goal, others)
+        free = region.directions(others)
         inward = -free @ (free.T @ region.A_ub[row])
         speed = -float(region.A_ub[row] @ inward)
         if speed <= tolerances.ON_FACE:
@@ -191,13 +190,6 @@ def _leaving(goal: Goal) -> list[Start]:
         step = region.played_slack * region.row_scale[row] / speed
         starts.append(Start(others, goal.belief, np.asarray(optimal + step * inward)))
     return starts
-
-
-def _free_directions(goal: Goal, tight: np.ndarray) -> Array:
-    """An orthonormal basis (U,k) of the directions on the face with these tight rows."""
-    region = goal.problem.constraints
-    normals = np.vstack([region.A_ub[tight], region.A_eq])
-    return null_space(normals, rcond=tolerances.ON_FACE) if len(normals) else np.eye(region.n_actions)
 
 
 def _goes_on_rays(goal: Goal, free: Array) -> bool:

@@ -146,44 +146,28 @@ def largest_in(matrix: Any, n: int) -> float:
     return size
 
 
-class Shift(NamedTuple):
-    """How a symmetric W is made positive definite: W + τI in its first coordinates, τ = 0 first, then from a thousandth of
-    `size` on, until it is."""
-
-    n_shifted: int  # the first coordinates
-    size: float  # of W there
-    growth: float  # of τ, from one trial to the next
-
-
 @uncounted
-def _factor_shifted(hessian: Any, shift: Any, factor: Any) -> None:
-    """Fill the Cholesky factor of W with the first shift τ that makes it positive definite."""
+def factor_shifted(hessian: Any, n_shifted: int, size: float, growth: float, factor: Any) -> None:
+    """Fill the Cholesky factor of the first W + τI, I in the first `n_shifted` coordinates, that is positive definite: with
+    τ = 0, then from a thousandth of `size`, that of W there, each τ `growth` times the former."""
     n, tau = factor.shape[0], 0.0
     for _ in range(_MOST_SHIFTS):
         positive = True
         for i in range(n):
             for k in range(n):
                 factor[i, k] = hessian[i, k]
-            if i < shift.n_shifted:
+            if i < n_shifted:
                 factor[i, i] += tau
             positive = positive and factor[i, i] > 0.0
         if positive and cholesky(factor, n, _CONVEX):
             return
-        tau = max(shift.growth * tau, _FIRST_SHIFT * shift.size, TINY)
-
-
-class HalfSpaces(NamedTuple):
-    """Rows N d ≥ b of a step d, each N_r of unit length; the first ones are equalities."""
-
-    units: Any  # N (m,n)
-    sides: Any  # b (m,)
-    n_equal: int
+        tau = max(growth * tau, _FIRST_SHIFT * size, TINY)
 
 
 class StepRoom(NamedTuple):
     """Memory of a quadratic programme in n coordinates with m rows."""
 
-    factor: Any  # L (n,n)
+    factor: Any  # L (n,n) of the Hessian W = LL'
     turned: Any  # (m,n) rows N L⁻ᵀ at unit length
     moved: Any  # (m,) their sides
     lengths: Any  # (m,) their former lengths
@@ -199,16 +183,14 @@ def step_room(size: int, n_rows: int) -> StepRoom:
 
 
 @uncounted
-def quadratic_step(hessian: Any, slope: Any, shift: Any, below: Any, step: Any, weights: Any, room: Any) -> bool:
-    """Minimise ½d'Wd + slope·d under rows N d ≥ b: with W = LL' the projection of −L⁻¹ slope in x = L'd.
+def quadratic_step(slope: Any, units: Any, sides: Any, n_equal: int, step: Any, weights: Any, room: Any) -> bool:
+    """Minimise ½d'LL'd + slope·d under rows N d ≥ b, the first `n_equal` equalities: the projection of −L⁻¹ slope in x = L'd.
 
-    W (n,n) is shifted by a `Shift` where it is not positive definite; `below` are `HalfSpaces`. `step` (n,) and the
+    L (n,n) is the factor in `room`, N the `units` (m,n), each of unit length, b the `sides` (m,). `step` (n,) and the
     multipliers `weights` (m,), of either sign for equalities, are filled; where False is returned they say nothing.
     """
-    units, sides, n_equal = below
     factor, turned, moved, lengths = room.factor, room.turned, room.moved, room.lengths
     n = step.size
-    _factor_shifted(hessian, shift, factor)
     for i in range(n):
         total = -slope[i]
         for k in range(i):
@@ -404,9 +386,8 @@ def climb(face: Any, aim: Any, basis: Any, y: Any, w: Any) -> tuple[float, float
                 weights[m] = _price_of_budget(aim, y, place.budget)
             share = 1.0
             _model(curves, rows, aim, basis, y, place, (weights, lines.units), (slope, hessian, curving))
-            shift = Shift(n, largest_in(hessian, n), _GROWTH)
-            below = HalfSpaces(lines.units, lines.sides, NO_EQUALITIES)
-            if not quadratic_step(hessian, slope, shift, below, step, weights, memory):
+            factor_shifted(hessian, n, largest_in(hessian, n), _GROWTH, memory.factor)
+            if not quadratic_step(slope, lines.units, lines.sides, NO_EQUALITIES, step, weights, memory):
                 break
             promise = 0.0
             for c in range(n):

@@ -23,8 +23,7 @@ from inscrutable.kernels.climb import (
     PROJECTED,
     SHORTER,
     SHORTEST,
-    HalfSpaces,
-    Shift,
+    factor_shifted,
     largest_in,
     quadratic_step,
     step_room,
@@ -281,9 +280,9 @@ def _next_step(
         top = largest_in(hessian, k)
         _bend_rows(rows, basis, top, weights, (units, lengths), hessian)
         # Convex in the decision; the member's own coordinates are not to be held back.
-        shift, below = Shift(k, top, _GROWTH), HalfSpaces(units, sides, k)
+        factor_shifted(hessian, k, top, _GROWTH, memory.factor)
         promise = -1.0
-        if quadratic_step(hessian, slope, shift, below, step, weights, memory):
+        if quadratic_step(slope, units, sides, k, step, weights, memory):
             promise = 0.0
             for a in range(k):
                 promise -= slope[a] * step[a]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.climb import MET, HalfSpaces, Shift, quadratic_step, step_room
+from inscrutable.kernels.climb import MET, factor_shifted, quadratic_step, step_room
 from inscrutable.kernels.copies import put, put_shifted
 from inscrutable.kernels.face_ascent import cost_model
 from inscrutable.kernels.faces import cholesky
@@ -41,9 +41,9 @@ def move_to_cheapest(face: Any, aim: Any, w: Any) -> None:
             units[r, a] = face.rows[first + r, 0, a]
             value += face.rows[first + r, 0, a] * w[a]
         sides[r], _ = at_unit_length(units[r], value)
-    shift, below = Shift(k, 0.0, 1.0), HalfSpaces(units, sides, NO_EQUALITIES)
     room = step_room(k, m)
-    if quadratic_step(curvature, slope, shift, below, step, weights, by_reference(room)):
+    factor_shifted(curvature, k, 0.0, 1.0, room.factor)
+    if quadratic_step(slope, units, sides, NO_EQUALITIES, step, weights, by_reference(room)):
         put_shifted(w, 1.0, step, w)
     release(room)
 

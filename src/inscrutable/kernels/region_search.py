@@ -69,7 +69,7 @@ class Starts(NamedTuple):
     actions: Any  # (n,U)
     bonus: Any  # (n,) is added to the promise of a start: it comes earlier, and is not skipped
     promise: Any  # (n,) no larger value is expected of a start; filled by its search
-    order: Any  # (n,) the starts of each belief, the most promising first; filled by its search
+    order: Any  # (n,) places among the starts of each belief, the most promising first; filled by its search
 
 
 class Explored(NamedTuple):
@@ -319,8 +319,8 @@ def _ask_around(regions: Any, aim: Any, basis: Any, t: int, search: Any) -> None
 @uncounted
 def _put_starts_in_order(starts: Any, aim: Any, regions: Any, basis: Any, t: int, room: Any) -> None:
     """Bound the values that climbs may reach from the starts of a belief, and sort the starts by it, the largest first."""
-    n_states, first = aim.point.size, starts.first[t]
-    for s in range(first, starts.first[t + 1]):
+    n_states, first, last = aim.point.size, starts.first[t], starts.first[t + 1]
+    for s in range(first, last):
         number, decoy = starts.region[s], starts.decoys[s]
         w = room.place[: regions.size[number] + 1]
         locate(regions, number, starts.actions[s], w)
@@ -343,11 +343,7 @@ def _put_starts_in_order(starts: Any, aim: Any, regions: Any, basis: Any, t: int
             starts.promise[s] += distance
         if aim.price > 0.0:
             starts.promise[s] -= aim.price * (cost_at(face.curves, aim.belief, w) - aim.optimal_cost)
-        place = s
-        while place > first and starts.promise[starts.order[place - 1]] < starts.promise[s]:
-            starts.order[place] = starts.order[place - 1]
-            place -= 1
-        starts.order[place] = s
+    put_descending(starts.promise[first:last], starts.order[first:last])
 
 
 @uncounted
@@ -356,7 +352,7 @@ def _ask_for_starts(starts: Any, top: float, reached: Any, t: int, turn: Any) ->
     first, last = starts.first[t], starts.first[t + 1]
     s, room = first + reached.n_begun[t], max(1, 3 * reached.n_begun[t])
     while s < last and turn.n_climbs[0] < room:
-        start = starts.order[s]
+        start = first + starts.order[s]
         if starts.promise[start] > top + POLISH:
             _ask_in(turn, starts.region[start], BEST, start)
         s += 1

@@ -128,17 +128,3 @@ def gaussian_log_densities(observations: Any, means: Any, factors: Any) -> Any:
             # Overflow far outside the data ends in inf or nan; both mean a density of zero.
             densities[t, i] = -constant - 0.5 * square if square < np.inf else -np.inf
     return densities
-
-
-@kernel
-def chain_pass(initial_sums: Any, transition_sums: Any, uniforms: Any) -> Any:
-    """States (T,) of a chain with cumulative rows, one uniform number in [0, 1) a step: the first j with sum_j > u."""
-    n_steps = uniforms.shape[0]
-    states = np.empty(n_steps, dtype=np.int64)
-    for t in range(n_steps):
-        sums = initial_sums if t == 0 else transition_sums[states[t - 1]]
-        j = 0
-        while j < sums.size and sums[j] <= uniforms[t]:
-            j += 1
-        states[t] = j
-    return states

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -155,11 +156,12 @@ class HiddenMarkovModel:
         Raises:
             InputError: `n_steps` is not a whole number of at least 1, or `rng` is not a generator.
         """
-        from inscrutable.kernels.hidden_markov import chain_pass
-
         n_steps = validation.count(n_steps, "n_steps")
-        uniforms = validation.generator(rng).random(n_steps)
-        states = chain_pass(cumulative(self.initial), cumulative(self.transition), uniforms)
+        states = np.empty(n_steps, dtype=np.int64)
+        sums, rows = cumulative(self.initial).tolist(), cumulative(self.transition).tolist()
+        for t, uniform in enumerate(validation.generator(rng).random(n_steps).tolist()):
+            states[t] = state = bisect_right(sums, uniform)
+            sums = rows[state]
         observations = self.emission.sample(states, rng=rng)
         if self.public is None:
             return Trajectory(states, observations)

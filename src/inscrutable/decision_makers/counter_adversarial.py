@@ -151,20 +151,10 @@ def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> D
     space = case.space
     aims, optimal_costs = space.aims(case.measure, case.budget, beliefs)
     found = best_in_regions(space, aims, progress)
-    return Decisions(
-        ResultTable(
-            case.problem,
-            space.decisions(found.actions)[:, None],
-            np.ones((len(beliefs), 1)),
-            found.regrets[:, None],
-            found.privacies[:, None],
-            found.decoys[:, None],
-            optimal_costs,
-            farthest_corners(aims.points) if aims.sign > 0 else np.zeros(len(beliefs)),
-            tuple(_KINDS[np.where(found.is_polished, 0, 1 if aims.sign > 0 else 2)]),
-            found.prices,
-        )
-    )
+    bound = farthest_corners(aims.points) if aims.sign > 0 else np.zeros(len(beliefs))
+    status = tuple(_KINDS[np.where(found.is_polished, 0, 1 if aims.sign > 0 else 2)])
+    atoms = space.decisions(found.actions), found.regrets, found.privacies, found.decoys
+    return Decisions(ResultTable.of_single(case.problem, *atoms, optimal_costs, bound, status, found.prices))
 
 
 _KINDS = np.array([DecisionStatus.POLISHED, DecisionStatus.NO_AFFORDABLE_PRIVACY, DecisionStatus.OPTIMAL], dtype=object)

@@ -59,17 +59,10 @@ class IndicatorResult:
         return MixedDecisions(replace(self._table(kinds), price=np.zeros(len(self.source))))
 
     def _table(self, kinds: Mapping[int, DecisionStatus]) -> ResultTable:
-        return ResultTable(
-            self.problem,
-            self.actions[:, None],
-            np.ones((len(self.source), 1)),
-            self.regrets[:, None],
-            np.where(self.source == _NOTHING, -np.inf, 0.0)[:, None],
-            self.decoys[:, None],
-            self.optimal_costs,
-            np.zeros(len(self.source)),
-            tuple(kinds.get(int(code), DecisionStatus.BEST_CANDIDATE) for code in self.source),
-        )
+        status = tuple(kinds.get(int(code), DecisionStatus.BEST_CANDIDATE) for code in self.source)
+        privacies = np.where(self.source == _NOTHING, -np.inf, 0.0)
+        atoms = self.actions, self.regrets, privacies, self.decoys
+        return ResultTable.of_single(self.problem, *atoms, self.optimal_costs, np.zeros(len(status)), status)
 
 
 def cheapest_by_scan(case: Case, beliefs: Array, progress: Progress | None = None) -> IndicatorResult:

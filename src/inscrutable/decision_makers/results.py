@@ -43,6 +43,14 @@ class ResultTable:
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.full(len(self.status), nothing))
 
+    @classmethod
+    def of_single(
+        cls, problem: DecisionProblem | None, action: Array, regret: Array, privacy: Array, decoy: Array, *rest: Any
+    ) -> Self:
+        """Return the table of single decisions (T,U), with regrets and privacies (T,) and decoys (T,X)."""
+        atoms = regret[:, None], privacy[:, None], decoy[:, None]
+        return cls(problem, action[:, None], np.ones((len(action), 1)), *atoms, *rest)
+
     @property
     def cost(self) -> Array:
         """Optimal cost + regret, shape (T,)."""
@@ -365,8 +373,7 @@ class Decisions(_Many):
 
     @classmethod
     def _made(cls, parts: dict[str, Any]) -> Self:
-        action, *columns = (parts[name][:, None] for name in ("action", "regret", "privacy", "decoy"))
-        found = cls(_read(parts, action, np.ones((len(action), 1)), *columns))
+        found = cls(_read(parts, ResultTable.of_single, "action", "regret", "privacy", "decoy"))
         vars(found)["belief_set"] = parts["belief_set"]
         return found
 
@@ -417,8 +424,7 @@ class MixedDecisions(_Many):
 
     @classmethod
     def _made(cls, parts: dict[str, Any]) -> Self:
-        names = "actions", "probabilities", "regrets", "privacies", "decoys"
-        return cls(_read(parts, *(parts[name] for name in names)))
+        return cls(_read(parts, ResultTable, "actions", "probabilities", "regrets", "privacies", "decoys"))
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""
@@ -449,9 +455,9 @@ class MixedDecisions(_Many):
         return Decisions(self.table.one_of_each(_drawn(self.probabilities, source)))
 
 
-def _read(parts: dict[str, Any], *atoms: Any) -> ResultTable:
-    """The table of a saved result, checked; atoms are decisions, probabilities, regrets, privacies and decoys."""
-    table = ResultTable(None, *atoms, *(parts.get(name) for name in _Many._saved))
+def _read(parts: dict[str, Any], make: Callable[..., ResultTable], *names: str) -> ResultTable:
+    """The table of a saved result, checked; `names` are those of its atoms' columns."""
+    table = make(None, *(parts[name] for name in names), *(parts.get(name) for name in _Many._saved))
     check_loaded(table, parts)
     return table
 
@@ -476,12 +482,9 @@ def _decision(table: ResultTable, step: int) -> Decision:
 
 def stack(decisions: Sequence[Decision], problem: DecisionProblem | None) -> Decisions:
     """Return single decisions as one result with a leading T."""
-
-    def column(name: str) -> Array:
-        return np.array([getattr(each, name) for each in decisions])
-
-    atoms = [column(name)[:, None] for name in ("regret", "privacy", "decoy")]
-    return Decisions(_table(decisions, problem, column("action")[:, None], np.ones((len(decisions), 1)), *atoms))
+    names = "action", "regret", "privacy", "decoy"
+    action, *atoms = (np.array([getattr(each, name) for each in decisions]) for name in names)
+    return Decisions(ResultTable.of_single(problem, _points(problem, action), *atoms, *_rows(decisions)))
 
 
 def stack_mixed(decisions: Sequence[MixedDecision], problem: DecisionProblem | None) -> MixedDecisions:
@@ -492,15 +495,19 @@ def stack_mixed(decisions: Sequence[MixedDecision], problem: DecisionProblem | N
         values = (getattr(each, name) for each in decisions)
         return np.array([np.pad(v, [(0, width - len(v)), *[(0, 0)] * (v.ndim - 1)], **how) for v in values])
 
-    atoms = [padded(name, mode="edge") for name in ("regrets", "privacies", "decoys")]
-    return MixedDecisions(_table(decisions, problem, padded("actions", mode="edge"), padded("probabilities"), *atoms))
+    actions, *atoms = (padded(name, mode="edge") for name in ("actions", "regrets", "privacies", "decoys"))
+    rest: Any = (padded("probabilities"), *atoms, *_rows(decisions))
+    return MixedDecisions(ResultTable(problem, _points(problem, actions), *rest))
 
 
-def _table(decisions: Sequence[Any], problem: DecisionProblem | None, actions: Array, *columns: Any) -> ResultTable:
-    points = actions if problem is None else problem.as_points(actions)
+def _points(problem: DecisionProblem | None, actions: Array) -> Array:
+    return actions if problem is None else problem.as_points(actions)
+
+
+def _rows(decisions: Sequence[Any]) -> Any:
+    """What a table has for each row, as it takes it."""
     optimal_cost, bound, status, price, calls = ([getattr(each, name) for each in decisions] for name in _Many._saved)
-    rest: Any = (*columns, np.array(optimal_cost), np.array(bound), tuple(status), np.array(price), np.array(calls))
-    return ResultTable(problem, points, *rest)
+    return np.array(optimal_cost), np.array(bound), tuple(status), np.array(price), np.array(calls)
 
 
 def counted(beliefs: Array, progress: Progress | None) -> Iterator[tuple[int, Array]]:

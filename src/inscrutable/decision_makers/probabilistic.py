@@ -205,20 +205,10 @@ def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> M
     alone = found.probabilities[:, 1] <= 0.0
     best = np.where(alone, found.privacies[:, 0], found.privacies.max(axis=1))
     nothing = best <= tolerances.NO_PRIVACY if aims.sign > 0 else np.isneginf(best)
-    return MixedDecisions(
-        ResultTable(
-            case.problem,
-            space.decisions(found.actions),
-            found.probabilities,
-            found.regrets,
-            found.privacies,
-            found.decoys,
-            optimal_costs,
-            farthest_corners(aims.points) if aims.sign > 0 else np.zeros(len(beliefs)),
-            tuple(_KINDS[np.where(nothing, 0, np.where(found.polished, 1, 2))]),
-            found.prices,
-        )
-    )
+    bound = farthest_corners(aims.points) if aims.sign > 0 else np.zeros(len(beliefs))
+    status = tuple(_KINDS[np.where(nothing, 0, np.where(found.polished, 1, 2))])
+    atoms = space.decisions(found.actions), found.probabilities, found.regrets, found.privacies, found.decoys
+    return MixedDecisions(ResultTable(case.problem, *atoms, optimal_costs, bound, status, found.prices))
 
 
 def _as_best(space: SearchSpace, singles: Decisions) -> Best:

@@ -7,7 +7,7 @@ no decision lies above the chord.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,15 +45,14 @@ _NONE = -1
 _OWN, _TARGET, _SINGLE = range(3)
 
 
-@dataclass(frozen=True, eq=False)
-class Lotteries:
+class Lotteries(NamedTuple):
     """Two atoms for each of T beliefs; a single decision has probability 1 and is both."""
 
     actions: Array  # (T,2,U) in the variables of the problem's quadratic form
-    decoys: Array  # (T,2,X)
+    probabilities: Array  # (T,2)
     regrets: Array  # (T,2)
     privacies: Array  # (T,2)
-    probabilities: Array  # (T,2)
+    decoys: Array  # (T,2,X)
     prices: Array  # (T,)
     polished: np.ndarray  # (T,) whether an atom was found by a search over regions
 
@@ -72,8 +71,7 @@ def best_lotteries(space: SearchSpace, aims: Aims, singles: Best, progress: Prog
             parts.append(block.lotteries())
         if progress is not None:
             progress(part.stop, count)
-    columns = zip(*(vars(part).values() for part in parts), strict=True)
-    return Lotteries(*(np.concatenate(column) for column in columns))
+    return Lotteries(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 class _Block:
@@ -244,7 +242,6 @@ class _Block:
         spare = np.maximum(self.aims.limits * (1.0 - tolerances.BUDGET_SAFETY) - regrets[:, 0], 0.0)
         share = np.where(double, spare / np.where(double, regrets[:, 1] - regrets[:, 0], 1.0), 0.0)
         drawn = np.column_stack([share < 1.0, share > 0.0])
-        return Lotteries(
-            actions, decoys, regrets, privacies, np.column_stack([1.0 - share, share]),
-            np.where(double, self._slopes(steps), self.price), np.any(self.polished[at].reshape(count, 2) & drawn, axis=1),
-        )  # fmt: skip
+        prices = np.where(double, self._slopes(steps), self.price)
+        polished = np.any(self.polished[at].reshape(count, 2) & drawn, axis=1)
+        return Lotteries(actions, np.column_stack([1.0 - share, share]), regrets, privacies, decoys, prices, polished)

@@ -292,7 +292,7 @@ class Polyhedron:
         return minimum(direction, Rows(self.A_ub, self.b_ub), Rows(self.A_eq, self.b_eq)).x
 
     def directions(self, tight: np.ndarray | None = None) -> Array:
-        """Return an orthonormal basis (U,k) of the directions in the set, or on the face with the inequality rows `tight`."""
+        """Return an orthonormal basis (U,k) of the directions that keep all equalities, and inequality rows `tight` tight."""
         normals = self.A_eq if tight is None else np.vstack([self.A_ub[tight], self.A_eq])
         return null_space(normals, rcond=tolerances.ON_FACE) if len(normals) else np.eye(self.n_actions)
 

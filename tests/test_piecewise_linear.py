@@ -202,3 +202,14 @@ def test_other_costs_are_taken_as_they_are(name: str) -> None:
     problem = ConvexProblem(u, [kinds[name], cp.abs(u[0] - 0.2)], [cp.sum(u) == 1, u >= 0])
     assert problem.linear_form() is None
     assert problem.solve([0.5, 0.5]) == pytest.approx(problem.solve([[0.5, 0.5]])[0])
+
+
+def test_decisions_whose_rows_have_too_many_facets_are_left_out_and_said(caplog: pytest.LogCaptureFixture) -> None:
+    """Thirty-four rows in 21 directions at some decoys' decisions; an error ended the search before."""
+    cp = pytest.importorskip("cvxpy")
+    u, costs, limits = stated(cp, np.random.default_rng(949341669), 3, 4)
+    problem = ConvexProblem(u, costs, limits)
+    decision = CounterAdversarialDecisionMaker(problem, budget=0.2).decide([0.2, 0.3, 0.5])
+    assert "very many kinks and constraints meet are left out" in caplog.text
+    assert consistent_beliefs(problem, decision.action).distance([0.2, 0.3, 0.5]) == pytest.approx(decision.privacy)
+    assert decision.privacy > 0.7

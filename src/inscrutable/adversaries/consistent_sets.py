@@ -9,6 +9,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.adversaries.inverse import belief_set_of, scaled_gradients, smooth_form_of
+from inscrutable.errors import SolverError
 from inscrutable.geometry import BeliefSet
 from inscrutable.geometry.equal_rows import distinct_patterns, first_equal
 from inscrutable.geometry.hulls import LARGER, described_sets, members_of_sets
@@ -81,6 +82,22 @@ class ConsistentSets:
             share = np.where(length > 0, np.clip((toward * along).sum(axis=1) / length, 0.0, 1.0), 0.0)
         distances = np.linalg.norm(toward - share[:, None] * along, axis=1)
         return np.where(self.dimension < 0, np.inf, distances)
+
+
+def describable(problem: DecisionProblem, actions: Array) -> np.ndarray:
+    """Return which decisions (M,U) have a consistent set that can be described, shape (M,): where very many rows meet, the
+    cone of their multipliers has too many facets."""
+    if not len(actions) or problem.explaining_rows(actions[0]) is not None:
+        return np.ones(len(actions), dtype=bool)
+    form = smooth_form_of(problem)
+    patterns, which = distinct_patterns(form.constraints.tight_rows(form.variables(actions)))
+    can = np.ones(len(patterns), dtype=bool)
+    for number, pattern in enumerate(patterns):
+        try:
+            form.constraints.stationarity(pattern)
+        except SolverError:
+            can[number] = False
+    return np.asarray(can[which])
 
 
 def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | None = None) -> ConsistentSets:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
+from inscrutable.adversaries.consistent_sets import describable
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.decision_makers.candidates import Candidates, known_candidates, make_candidates
 from inscrutable.decision_makers.proofs.tied_faces import tied_mixtures
@@ -19,6 +22,7 @@ from inscrutable.validation import Array
 
 _MOST_GRID_POINTS = 2_000_000
 _HIT_AND_RUN_STEPS = 50
+_LOGGER = logging.getLogger(__name__)
 
 
 def action_grid(problem: DecisionProblem, resolution: int) -> Candidates:
@@ -230,9 +234,25 @@ def default_decoys(problem: DecisionProblem) -> Candidates:
         assert every is not None, "some choice is the cheapest for every belief"
         return every
     found = decided_by(problem, simplex_cover(problem.n_states, DEFAULT_SIZE))
-    if problem.linear_form() is not None:
+    form = problem.linear_form()
+    if form is not None:
+        found = found if form.lift is None else _described(problem, found)
         return found.joined(tied_mixtures(problem, found))
     return found.joined(near_decoys(problem)) if _has_indifferent_state(problem, found) else found
+
+
+def _described(problem: DecisionProblem, found: Candidates) -> Candidates:
+    """Those candidates of which an observer's conclusion is known; all where it is known of none."""
+    known = describable(problem, found.actions)
+    if known.all() or not known.any() or found.decoys is None:
+        return found
+    _LOGGER.warning(
+        "%d of %d decisions at which very many kinks and constraints meet are left out: the beliefs that explain them have no "
+        "short description",
+        len(known) - known.sum(),
+        len(known),
+    )
+    return known_candidates(problem, found.actions[known], found.decoys[known])
 
 
 def _has_indifferent_state(problem: DecisionProblem, candidates: Candidates) -> bool:

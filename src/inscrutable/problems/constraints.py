@@ -12,7 +12,7 @@ from scipy.linalg import null_space, orth
 
 from inscrutable import tolerances, validation
 from inscrutable.axes import Axis, Names, axis_labels
-from inscrutable.errors import InputError, ModelError
+from inscrutable.errors import InputError, ModelError, SolverError
 from inscrutable.geometry.cones import StationarityRows, stationarity_rows
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
 from inscrutable.problems.conflicts import RowConflict, row_conflict
@@ -86,7 +86,7 @@ class Polyhedron:
             raise InputError(f"names has {len(given)} entries, expected one per row: {n_rows}")
         self._keep_rows(given)
         self.min_slack = validation.non_negative(min_slack, "min_slack")
-        self._stationarity: dict[bytes, StationarityRows] = {}
+        self._stationarity: dict[bytes, StationarityRows | str] = {}  # or why there are none
         self._is_feasible = False  # until found to be
 
     def _keep_rows(self, names: list[str]) -> None:
@@ -163,10 +163,15 @@ class Polyhedron:
         key = tight.tobytes()
         known = self._stationarity.get(key)
         if known is None:
-            known = stationarity_rows(self.A_ub[tight], self.A_eq)
+            try:
+                known = stationarity_rows(self.A_ub[tight], self.A_eq)
+            except SolverError as error:
+                known = str(error)
             if len(self._stationarity) >= min(_MOST_PATTERNS, max(1, _MOST_ENTRIES // self.n_actions**2)):
                 self._stationarity.clear()
             self._stationarity[key] = known
+        if isinstance(known, str):
+            raise SolverError(known)
         return known
 
     @cached_property

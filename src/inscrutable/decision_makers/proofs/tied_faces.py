@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from inscrutable import tolerances
+from inscrutable.adversaries.consistent_sets import describable
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
 from inscrutable.decision_makers.proofs.face_programmes import FaceProgrammes
@@ -26,7 +27,9 @@ def tied_mixtures(problem: DecisionProblem, candidates: Candidates) -> Candidate
     """Return mixtures of vertices that are optimal for the same beliefs, and the vertices that are no candidates yet, each
     with one of these beliefs."""
     chosen = candidates.distinct[candidates.sets.dimension[candidates.distinct] >= 0]
-    vertices, missing = candidates.actions[chosen], _missing(problem, candidates.actions[chosen])
+    vertices = candidates.actions[chosen]
+    missing = _missing(problem, vertices)
+    missing = missing[describable(problem, missing)]
     actions: list[Array] = []
     decoys: list[Array] = []
     for vertex in missing:
@@ -39,6 +42,8 @@ def tied_mixtures(problem: DecisionProblem, candidates: Candidates) -> Candidate
     sets = [vertices[list(tied)] for tied in _tied_sets(costs, corners)]
     for ties in [*sets, *_border_ties(problem, vertices, costs, corners)]:
         mixed = near_vertices(problem, ties)
+        if not describable(problem, mixed[:1])[0]:
+            continue
         found = belief_set_of(problem, mixed[0])
         if not found.is_empty:
             actions.append(mixed)

@@ -340,7 +340,7 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, str]:
         {'037833100': 'AAPL', 'GLD': ''}
     """
     table = read_text_table(path)
-    header = [_UNIT.sub("", name.lower()) for name in table.header]
+    header = [name.lower() for name in table.header]
     if sorted(header) != ["asset", "name"]:
         raise InputError(f"{table.path}, line 1: columns {', '.join(table.header)}, expected 'name' and 'asset'")
     name, asset = header.index("name"), header.index("asset")

@@ -222,7 +222,7 @@ def decoy_grid(problem: DecisionProblem, resolution: int, *, faces: bool = False
         return found
     if problem.linear_form() is None:
         raise InputError("faces=True is for linear and finite problems, whose optimal decisions can be tied")
-    return found.joined(tied_mixtures(problem, found))
+    return _with_ties(problem, found)
 
 
 def default_decoys(problem: DecisionProblem) -> Candidates:
@@ -234,25 +234,24 @@ def default_decoys(problem: DecisionProblem) -> Candidates:
         assert every is not None, "some choice is the cheapest for every belief"
         return every
     found = decided_by(problem, simplex_cover(problem.n_states, DEFAULT_SIZE))
-    form = problem.linear_form()
-    if form is not None:
-        found = found if form.lift is None else _described(problem, found)
-        return found.joined(tied_mixtures(problem, found))
+    if problem.linear_form() is not None:
+        return _with_ties(problem, found)
     return found.joined(near_decoys(problem)) if _has_indifferent_state(problem, found) else found
 
 
-def _described(problem: DecisionProblem, found: Candidates) -> Candidates:
-    """Those candidates of which an observer's conclusion is known; all where it is known of none."""
+def _with_ties(problem: DecisionProblem, found: Candidates) -> Candidates:
+    """Candidates under linear costs with mixtures of tied vertices, without those of which an observer's conclusion is not
+    known, unless it is known of none."""
     known = describable(problem, found.actions)
-    if known.all() or not known.any() or found.decoys is None:
-        return found
-    _LOGGER.warning(
-        "%d of %d decisions at which very many kinks and constraints meet are left out: the beliefs that explain them have no "
-        "short description",
-        len(known) - known.sum(),
-        len(known),
-    )
-    return known_candidates(problem, found.actions[known], found.decoys[known])
+    if found.decoys is not None and known.any() and not known.all():
+        _LOGGER.warning(
+            "%d of %d decisions at which very many kinks and constraints meet are left out: the beliefs that explain them have "
+            "no short description",
+            len(known) - known.sum(),
+            len(known),
+        )
+        found = known_candidates(problem, found.actions[known], found.decoys[known])
+    return found.joined(tied_mixtures(problem, found))
 
 
 def _has_indifferent_state(problem: DecisionProblem, candidates: Candidates) -> bool:

@@ -72,9 +72,9 @@ def _border_ties(problem: DecisionProblem, vertices: Array, costs: Array, corner
     """Vertices that are optimal at a corner where some state has probability 0, each time with a decision inside the face of
     all decisions that are optimal there: some of that face may be optimal for no other belief."""
     form = problem.linear_form()
-    border = corners[(corners <= tolerances.SAME_BELIEF).any(axis=1)]
     if form is None or problem.is_discrete:
         return []
+    border = corners[(corners <= tolerances.SAME_BELIEF).any(axis=1)]
     faces, found = FaceProgrammes(form), dict[bytes, Array]()
     for corner, tied in zip(border, _tied(costs, border), strict=True):
         known = form.variables(vertices[tied])

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from scipy.optimize import linprog
 
 from inscrutable import (
     InputError,
+    MarkowitzProblem,
     ModelError,
     Polyhedron,
     QuadraticProblem,
@@ -255,3 +257,11 @@ def test_malformed_boxes_and_simplices_are_refused():
         box(["a"], [1.0])
     with pytest.raises(ModelError, match=r"no decision satisfies u\[0\] >= inf"):
         box([np.inf], [np.inf])
+
+
+def test_rows_without_names_have_the_labels_of_their_coordinates() -> None:
+    region = simplex(3) & max_weights(["A", "B", "C"], {"A": 0.5})
+    for order in (["A", "B", "C"], ["C", "A", "B"]):  # the market's order becomes that of the constraints
+        problem = MarkowitzProblem(pd.DataFrame(np.eye(3)[:2], columns=order), [np.eye(3), np.eye(3)], 1.0, region)
+        with pytest.raises(InputError, match=r"B >= 0 is violated by 0\.2"):
+            problem.regret([0.5, 0.5], pd.Series({"A": 0.4, "B": -0.2, "C": 0.8}))

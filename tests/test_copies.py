@@ -54,3 +54,5 @@ def test_what_an_observer_learned_can_be_pickled() -> None:
     again = pickle.loads(pickle.dumps(found))
     np.testing.assert_array_equal(again.intervals, found.intervals)
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(observer)).learn([[0.55, 0.45]]).intervals, found.intervals)
+    beliefs = found.consistent_beliefs([0.55, 0.45])
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(beliefs)).bounds(), beliefs.bounds())

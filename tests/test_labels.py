@@ -5,7 +5,9 @@ from __future__ import annotations
 import functools
 import inspect
 import re
+import traceback
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,7 @@ import pandas as pd
 import pytest
 
 import inscrutable as ins
-from inscrutable import InputError
+from inscrutable import InputError, InscrutableError
 from inscrutable.mechanisms.chains import resting_chain
 
 ASSETS = ["Food", "Oil", "Gas"]
@@ -508,6 +510,12 @@ ELSEWHERE = [
 """Names whose tables have tests of their own, of dates and assets; and those that take arrays over time without labels."""
 
 
+NO_TABLES: list[Any] = [[[1.0], [1.0, 2.0]], "text", {}, object(), DAYS]
+"""What no entry accepts: rows of other lengths, a text, nothing, an object, dates."""
+
+PACKAGE = Path(ins.__file__).parent
+
+
 def same(first: Any, second: Any) -> bool:
     if isinstance(first, tuple):
         return all(same(*pair) for pair in zip(first, second, strict=True))
@@ -532,6 +540,18 @@ def test_another_order_of_labels_gives_the_same_or_is_refused(name: str, value: 
         except InputError:
             continue
         assert same(found, expected), f"{name}: other results for\n{other}"
+
+
+@pytest.mark.parametrize("value", NO_TABLES, ids=lambda value: type(value).__name__)
+@pytest.mark.parametrize(
+    ("name", "ask"), [(name, ask) for name, _, ask in ENTRIES], ids=[name for name, _, _ in ENTRIES]
+)
+def test_what_is_no_table_is_refused_by_name(name: str, ask: Callable[[Any], Any], value: Any) -> None:
+    with pytest.raises((InscrutableError, TypeError, ValueError, AttributeError, LookupError)) as error:
+        ask(value)
+    if not isinstance(error.value, InscrutableError):  # the entry's own line may read what the value lacks
+        files = [Path(frame.filename) for frame in traceback.extract_tb(error.tb)]
+        assert not any(PACKAGE in file.parents for file in files), f"{name}: {error.value!r}"
 
 
 def test_every_public_name_that_takes_tables_is_in_the_table() -> None:

@@ -76,6 +76,25 @@ def test_what_holdings_leave_out_is_said(tmp_path):
     assert not any("debt" in each for each in read_holdings(path, assets=ASSETS).cautions())
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("Oil,Food,Tech\n40%,59.4%,0%\n", "add up to 99.4%,"),
+        ("Oil,Food,Tech\n.4,.5,.08\n.4,.5,.05\n", "add up to 95% to 98%,"),
+        ("ticker,weight\nOil,40\nFood,50\ncash,8\n", "add up to 98%,"),
+        ("ticker,weight\nOil,40\nFood,50\ncash,10\n", None),
+        ("Oil,Food,Tech\n.333,.333,.333\n", None),
+        ("Oil,Food,Tech\n4000,5000,800\n", None),
+    ],
+)
+def test_shares_that_do_not_add_up_to_the_whole_are_said(tmp_path: Path, text: str, said: str | None) -> None:
+    path = tmp_path / "holdings.csv"
+    path.write_text(text)
+    found = [each for each in read_holdings(path, assets=ASSETS).cautions() if "add up to" in each]
+    assert len(found) == (said is not None)
+    assert said is None or said in found[0]
+
+
 @pytest.fixture
 def model(tmp_path):
     path = tmp_path / "model.toml"

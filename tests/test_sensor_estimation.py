@@ -83,6 +83,15 @@ def test_sensors_of_random_models_follow_from_exact_beliefs(fresh_rng: np.random
             assert [named[each] for each in symbols[1:].tolist()] == found.symbols.tolist()
 
 
+def test_beliefs_in_single_precision_are_read() -> None:
+    transition, sensor = np.array([[0.9, 0.1], [0.3, 0.7]]), np.array([[0.8, 0.2], [0.3, 0.7]])
+    exact, _ = path(transition, sensor, 120, np.random.default_rng(20261130))
+    for beliefs in (exact.astype(np.float32), pd.DataFrame(exact.astype(np.float32))):
+        found = estimate_sensor(beliefs, transition, n_symbols=2)
+        assert found.is_identified
+        assert error(found.probabilities, sensor) <= 1e-4
+
+
 def test_the_noise_is_told_from_one_step_more_than_symbols() -> None:
     """The mean square of the estimates is the variance: every column but the factor is fitted, one step is spare."""
     rng = np.random.default_rng(20261127)

@@ -95,14 +95,19 @@ def ordered(value: Any, name: str, axes: Sequence[Axis | None] | None) -> Any:
     return _ordered(value, name, ([None] * n_axes + given)[-n_axes:])
 
 
+def ordered_array(value: Any, name: str, axes: Sequence[Axis | None] | None) -> np.ndarray:
+    """Return `ordered` as an array; a value of fewer dimensions has the first of the axes."""
+    return as_array(ordered(value, name, None if axes is None else axes[: depth(value)]), name)
+
+
 def _ordered(value: Any, name: str, axes: Sequence[Axis | None]) -> Any:
     if not axes or type(value) is np.ndarray or not _is_labelled(value):
         return value
     if isinstance(value, Mapping):
         rows = [_ordered(row, f"{name}[{key!r}]", axes[1:]) for key, row in value.items()]
-        return _taken(_stacked(rows, name), tuple(value), 0, name, axes[0])
+        return _taken(as_array(rows, name), tuple(value), 0, name, axes[0])
     if isinstance(value, (list, tuple)):
-        return _stacked([_ordered(row, f"{name}[{i}]", axes[1:]) for i, row in enumerate(value)], name)
+        return as_array([_ordered(row, f"{name}[{i}]", axes[1:]) for i, row in enumerate(value)], name)
     labels = [getattr(value, side, None) for side in _SIDES]
     array = value.to_numpy()
     for k, found in enumerate(labels[: array.ndim] if array.ndim == len(axes) else []):
@@ -115,9 +120,10 @@ def _taken(array: Any, found: Names, k: int, name: str, axis: Axis | None) -> An
     return array if order is None else np.take(array, order, axis=k)
 
 
-def _stacked(rows: list[Any], name: str) -> Any:
+def as_array(value: Any, name: str) -> np.ndarray:
+    """Return a value as an array, with its mask where it has one; raise `InputError` where rows have other lengths."""
     try:
-        return np.array(rows)
+        return value if isinstance(value, np.ma.MaskedArray) else np.asarray(value)
     except ValueError as error:
         raise InputError(f"{name} must be numbers: {error}") from None
 

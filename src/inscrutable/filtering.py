@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from inscrutable.axes import ordered_array
 from inscrutable.errors import InputError, ModelError
 from inscrutable.validation import Array, time_order
 from inscrutable.worlds.hidden_markov import HiddenMarkovModel
@@ -176,7 +177,7 @@ class BeliefFilter:
 
 def _one_row(observation: Any) -> Any:
     if not is_labelled(observation):
-        return np.asarray(observation)[None]
+        return ordered_array(observation, "observation", None)[None]
     return observation if hasattr(observation, "columns") else observation.to_frame().T
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from inscrutable import tolerances
-from inscrutable.axes import Axis, Names, few, ordered
+from inscrutable.axes import Axis, Names, as_array, few, ordered
 from inscrutable.errors import InputError, ModelError
 from inscrutable.labels import label_text
 
@@ -32,10 +32,10 @@ def real_array(value: Any, name: str, axes: Axes | None = None) -> Array:
 
     Masked entries become NaN.
     """
-    plain = value if type(value) is np.ndarray else ordered(value, name, axes)
-    if isinstance(plain, np.ndarray) and np.iscomplexobj(plain):
+    plain = value if type(value) is np.ndarray else as_array(ordered(value, name, axes), name)
+    if plain.dtype.kind == "c":
         raise InputError(f"{name} must be real numbers, got complex ones")
-    if isinstance(plain, np.ndarray) and plain.dtype.kind in "mM":
+    if plain.dtype.kind in "mM":
         raise InputError(f"{name} must be numbers, got dates or spans of time ({plain.dtype})")
     if isinstance(plain, np.ma.MaskedArray):
         plain = np.ma.filled(plain.astype(np.float64), np.nan)
@@ -80,8 +80,9 @@ def _place(index: NDArray[np.intp]) -> str:
 
 def stochastic_rows(value: ArrayLike, name: str, *, ndim: int | tuple[int, ...] = 2, axes: Axes | None = None) -> Array:
     """Return `value` with non-negative rows that sum to one, renormalised within the tolerance."""
-    rows = finite_array(value, name, ndim=ndim, axes=axes)
-    return _on_simplex(rows, name, max(tolerances.TRANSITION_SUM, _sum_rounding(value, rows.shape[-1])))
+    plain = value if type(value) is np.ndarray else ordered(value, name, axes)
+    rows = finite_array(plain, name, ndim=ndim)
+    return _on_simplex(rows, name, max(tolerances.TRANSITION_SUM, _sum_rounding(plain, rows.shape[-1])))
 
 
 def _sum_rounding(value: ArrayLike, size: int) -> float:
@@ -157,12 +158,12 @@ def check_positive_semidefinite(matrix: Array, name: str, why: str) -> None:
         )
 
 
-def points(value: ArrayLike, n_actions: int, names: Names | None = None) -> Array:
-    """Return decisions (…,U) as floats, aligned with the coordinates' names; an array of floats is not copied."""
+def points(value: ArrayLike, size: int, axis: Axis, name: str = "action") -> Array:
+    """Return decisions or beliefs (…,size) as floats, in the order of the axis' labels; an array of floats is not copied."""
     is_plain = type(value) is np.ndarray and value.dtype == np.float64
-    found = np.asarray(value) if is_plain else real_array(value, "action", (Axis("asset", names),))
-    if found.ndim == 0 or found.shape[-1] != n_actions:
-        raise InputError(f"action has shape {found.shape}, expected {n_actions} coordinates in the last axis")
+    found = np.asarray(value) if is_plain else real_array(value, name, (axis,))
+    if found.ndim == 0 or found.shape[-1] != size:
+        raise InputError(f"{name} has shape {found.shape}, expected {size} entries in the last axis")
     return found
 
 

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.decision_tables import near_enough, nearest_count
-from inscrutable.axes import Axis, ordered
+from inscrutable.axes import Axis, ordered_array
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Disclosure, Mechanism, Prior
 from inscrutable.mechanisms.disclosed import disclosed, single_decisions
@@ -186,7 +186,7 @@ class BayesianAdversary:
         Raises:
             InputError: The decision has the wrong length or is not finite; or `nearest` is negative.
         """
-        given = np.asarray(ordered(action, "action", None))
+        given = ordered_array(action, "action", None)
         wanted = np.asarray(self._seen.actions).ndim - 1
         if given.ndim != wanted:
             raise InputError(f"action must be one decision of rank {wanted}, got shape {given.shape}")

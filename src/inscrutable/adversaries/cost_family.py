@@ -68,7 +68,7 @@ class ExplainedDecisions:
     """Decisions (T,U), known to ±`rounding`, that one cost of the family must explain, each with its own belief."""
 
     def __init__(self, family: Family, actions: Array, rounding: float, tolerance: float) -> None:
-        self._actions, self._rounding = actions, rounding
+        self._made_of = family, actions, rounding, tolerance
         self.tolerance = tolerance + tolerances.LINEAR_PROGRAMME
         self.count = len(actions)
 
@@ -77,6 +77,10 @@ class ExplainedDecisions:
             return conditions_of(checked_problem(family(parameter)), actions, rounding)
 
         self._conditions = conditions
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """The conditions remembered cannot be pickled: a copy finds its own."""
+        return type(self), self._made_of
 
     def programme(self, low: float, high: float, number: int) -> Programme:
         """Return the programme of one decision for the parameters in an interval."""

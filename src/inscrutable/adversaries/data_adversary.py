@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.adversaries.learners import Learner, learners
-from inscrutable.axes import Axis, ordered
+from inscrutable.axes import Axis, ordered_array
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import Joint, joint_law
@@ -58,8 +58,8 @@ class DataAdversary:
         states = Axis("state", learns=True)
         self._beliefs = validation.stochastic_rows(beliefs, "beliefs", axes=(None, states))
         self._assets = Axis("asset", learns=True)
-        given = np.asarray(ordered(actions, "actions", None if np.ndim(actions) == 1 else (None, self._assets)))
-        if given.ndim not in (1, 2) or len(given) != len(self._beliefs):
+        given = ordered_array(actions, "actions", (None, self._assets))
+        if given.ndim not in (1, 2) or len(given) != len(self._beliefs) or not given.size:
             raise InputError(
                 f"actions must be as many decisions as there are beliefs, {len(self._beliefs)}, got shape {given.shape}"
             )
@@ -85,12 +85,12 @@ class DataAdversary:
 
     def estimate(self, action: ArrayLike, *, nearest: bool = False) -> Array:
         """Return the estimate of the belief after one decision, shape (X,); it always exists, so `nearest` has no effect."""
-        given = np.asarray(ordered(action, "action", None if np.ndim(action) == 0 else (self._assets,)))
+        given = ordered_array(action, "action", (self._assets,))
         return np.asarray(self.estimates(given[None], nearest=nearest)[0])
 
     def estimates(self, actions: ArrayLike, *, nearest: bool = False) -> Array:
         """Return `estimate` for many decisions (M,U), shape (M,X); (M,) where they are finite choices."""
-        given = np.asarray(ordered(actions, "actions", None if np.ndim(actions) == 1 else (None, self._assets)))
+        given = ordered_array(actions, "actions", (None, self._assets))
         if given.ndim != (1 if self._width is None else 2) or (given.ndim == 2 and given.shape[1] != self._width):
             wanted = "(M,)" if self._width is None else f"(M,{self._width})"
             raise InputError(f"actions must be many decisions of shape {wanted}, got shape {given.shape}")

@@ -127,7 +127,12 @@ class UnionBeliefs:
     def __init__(self, explained: ExplainedDecisions, intervals: Array, n_states: int) -> None:
         self._explained = explained
         self.n_states = n_states
+        self._intervals = intervals
         self._programmes = [explained.programme(low, high, 0) for low, high in pieces_of(intervals)]
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Return what another process makes the same set of."""
+        return type(self), (self._explained, self._intervals, self.n_states)
 
     @property
     def is_empty(self) -> bool:

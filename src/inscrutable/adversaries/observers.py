@@ -15,7 +15,7 @@ from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs, regret_rounding
 from inscrutable.adversaries.plausibility import nearest_explanations
 from inscrutable.adversaries.shown_beliefs import ShownBeliefs, ShownReading
-from inscrutable.axes import ordered
+from inscrutable.axes import ordered_array
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
@@ -349,7 +349,7 @@ def _blocks(n_points: int, n_beliefs: int) -> list[slice]:
 
 def _points(problem: DecisionProblem, actions: ArrayLike) -> Array:
     """Decisions as points (M,U)."""
-    given = np.asarray(ordered(actions, "actions", (None, None)))
+    given = ordered_array(actions, "actions", (None, None))
     if given.ndim != (1 if given.dtype.kind in "iu" and problem.is_discrete else 2):
         raise InputError(f"actions must be many decisions of shape (M,{problem.n_actions}), got shape {given.shape}")
     return problem.check_actions(actions)

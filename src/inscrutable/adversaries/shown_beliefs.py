@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from inscrutable import tolerances, validation
-from inscrutable.axes import ordered
+from inscrutable.axes import ordered_array
 from inscrutable.errors import InputError
 from inscrutable.mechanisms.disclosed import shown_classes, single_decisions
 from inscrutable.mechanisms.disclosures import Disclosure
@@ -77,7 +77,7 @@ class ShownCandidates:
             raise InputError(
                 f"{disclosure} hides parts of decisions: pass `candidates`, the decisions that the observer considers possible"
             )
-        listed = np.asarray(ordered(getattr(candidates, "actions", candidates), "candidates", (None, None)))
+        listed = ordered_array(getattr(candidates, "actions", candidates), "candidates", (None, None))
         self.points = problem.check_actions(listed)
         if not len(self.points):
             raise InputError("candidates must hold one decision at least")
@@ -87,7 +87,7 @@ class ShownCandidates:
 
     def classes(self, values: ArrayLike, nearest: bool) -> np.ndarray:
         """Return the class of each disclosed value (M,V), shape (M,): −1 for none, or with `nearest` the nearest class."""
-        given = validation.finite_array(np.asarray(values, dtype=np.float64), "shown values", ndim=np.ndim(values))
+        given = validation.finite_array(values, "shown values", ndim=(1, 2))
         rows = given.reshape(len(given), -1)
         if rows.shape[1] != self._width:
             raise InputError(f"a disclosed value has {self._width} entries, got {rows.shape[1]}")

@@ -290,6 +290,8 @@ def _as_weights(
             f"({', '.join(sorted(set(known.left_out)))}); the rest would say little of the portfolio"
         )
     whole = _published_whole(sums, halves) if not cash.any() else None
+    shares = (sums + cash) / (1.0 if (sums + cash).max() < _AS_PERCENTAGES else 100.0)
+    is_short = _published_whole(sums + cash, halves) is None and (np.abs(shares - 1.0) <= _NEAR_WHOLE).all()
     if whole is None:
         # w = v/S: an error of h_j in each v moves w_j by no more than (h_j + w_j Σh)/S.
         moved = (halves + np.abs(values / sums[:, None]) * halves.sum(axis=1, keepdims=True)) / sums[:, None]
@@ -305,9 +307,12 @@ def _as_weights(
         digits if digits < FULL_PRECISION_DIGITS else None,
         float(out.max(initial=0.0)),
         tuple(sorted(set(known.left_out))),
+        sums=(float(shares.min()), float(shares.max())) if is_short else None,
     )
 
 
+_AS_PERCENTAGES = 10.0  # between sums near 1 and sums near 100
+_NEAR_WHOLE = 0.1  # amounts in dollars add up to 1 or 100 by chance alone
 _MOST_GROSS = 100.0
 _ACCURATE = 9  # digits of a logarithm: that of a power of ten has a rounding
 

@@ -45,6 +45,7 @@ class WeightsTable:
         others: The labels left out.
         missing: Assets of the model without a column in a wide file of holdings, whose weights are therefore 0.
         owed: The labels left out with an amount below 0, such as borrowed cash.
+        sums: Least and greatest sum of fractions or percentages in a row, as a share, where these do not add up to the whole.
     """
 
     frame: pd.DataFrame
@@ -53,6 +54,7 @@ class WeightsTable:
     others: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
     owed: tuple[str, ...] = ()
+    sums: tuple[float, float] | None = None
 
     def cautions(self) -> list[str]:
         """Return what was left out of the weights as they are read and what may be wrong with them, a sentence each."""
@@ -61,6 +63,12 @@ class WeightsTable:
             told.append(
                 f"Caution: the file has no column for {', '.join(self.missing)}; the weight there counts as 0, and the others "
                 "are scaled to the sum 1."
+            )
+        if self.sums:
+            low, high = (f"{100.0 * each:.5g}%" for each in self.sums)
+            told.append(
+                f"Caution: the weights add up to {low if low == high else f'{low} to {high}'}, not to 100%, and are scaled to "
+                "the sum 1; a holding may be missing."
             )
         if self.left_out > 0:
             told.append(

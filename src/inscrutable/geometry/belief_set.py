@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.axes import Axis, Names, ordered
+from inscrutable.axes import Axis, Names
 from inscrutable.errors import InputError, SolverError
 from inscrutable.geometry.hulls import affine_hulls, described_sets, members_of_sets
 from inscrutable.geometry.polytopes import (
@@ -158,8 +158,7 @@ class BeliefSet(Saved):
         It is the largest coordinate of the gradient's least-squares residual over the multipliers, or of a multiplier of wrong
         sign, relative to the scale.
         """
-        given = belief if type(belief) is np.ndarray else ordered(belief, "belief", (Axis("state", self.state_names),))
-        points = np.asarray(given, dtype=np.float64)
+        points = validation.points(belief, self.n_states, Axis("state", self.state_names), "belief")
         parts = [np.abs(points @ self.equalities.T), -(points @ self.inequalities.T), -points]
         return np.asarray(np.concatenate(parts, axis=-1).max(axis=-1, initial=0.0))
 

@@ -341,15 +341,17 @@ def predicted_chain(
 
 def _rows(transition: Any | ArrayLike, count: int) -> Any:
     """A stochastic matrix as a sparse array of rows, shape (B,B)."""
-    shape = tuple(getattr(transition, "shape", np.shape(transition)))
-    if shape != (count, count):
-        raise InputError(f"transition must be of shape {(count, count)}, one row and column a belief, got {shape}")
-    if not sparse.issparse(transition):
-        plain: Any = validation.stochastic_rows(transition, "transition")
-        return sparse.csr_array(plain)
-    given: Any = transition
+    given: Any = transition if sparse.issparse(transition) else validation.stochastic_rows(transition, "transition")
+    if given.shape != (count, count):
+        raise InputError(
+            f"transition must be of shape {(count, count)}, one row and column a belief, got {given.shape}"
+        )
     table = sparse.csr_array(given)
     sums = table.sum(axis=1)
-    if not np.isfinite(table.data).all() or table.data.min() < 0 or np.abs(sums - 1).max() > tolerances.TRANSITION_SUM:
+    if (
+        not np.isfinite(table.data).all()
+        or table.data.min(initial=0.0) < 0
+        or np.abs(sums - 1).max() > tolerances.TRANSITION_SUM
+    ):
         raise InputError("transition must have rows of probabilities that sum to one")
     return table

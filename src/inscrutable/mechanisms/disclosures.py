@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.axes import Axis, few, ordered
+from inscrutable.axes import Axis, depth, few, ordered, ordered_array
 from inscrutable.errors import InputError
 from inscrutable.mechanisms.calendars import CALENDARS, Calendar, Schedule
 from inscrutable.mechanisms.disclosure_text import parsed_calls
@@ -209,7 +209,7 @@ class Disclosure:
         self.check_returns(returns)
         if returns is None:
             return None
-        given = validation.real_array(returns, "returns", axes=axes[-np.ndim(returns) :])
+        given = validation.real_array(returns, "returns", axes=axes[-depth(returns) :])
         if given.shape not in (points.shape, points.shape[1:]):
             raise InputError(f"returns must be of shape {points.shape}, as the decisions, got {given.shape}")
         return np.broadcast_to(validation.finite_array(given, "returns", ndim=given.ndim), points.shape)
@@ -352,7 +352,7 @@ def grouped(labels: ArrayLike) -> Disclosure:
     """
     plain = ordered(labels, "labels", (Axis("asset"),))
     listed: Any = (
-        plain if isinstance(plain, str) or np.ndim(plain) != 1 else tuple(np.asarray(plain, dtype=object).tolist())
+        plain if isinstance(plain, str) or depth(plain) != 1 else tuple(np.asarray(plain, dtype=object).tolist())
     )
     return Disclosure((Operation("grouped", (listed,)),))
 
@@ -580,7 +580,7 @@ def _text(value: Any) -> str:
 
 def _points(actions: ArrayLike, axes: tuple[Axis | None, Axis]) -> Array:
     """Decisions (T,U), or choices (T,) as whole numbers."""
-    given = np.asarray(ordered(actions, "actions", axes[: np.ndim(actions)]))
+    given = ordered_array(actions, "actions", axes)
     if given.ndim == 1 and given.dtype.kind in "iu":
         return given
     return validation.finite_array(given, "actions", ndim=2)

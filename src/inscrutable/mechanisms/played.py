@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from inscrutable import tolerances, validation
-from inscrutable.axes import Axis, ordered
+from inscrutable.axes import Axis, ordered_array
 from inscrutable.errors import InputError
 from inscrutable.mechanisms.priors import Prior
 from inscrutable.mechanisms.same_actions import first_same
@@ -73,7 +73,7 @@ class Mechanism(Summarised, Saved):
         beliefs, actions, regrets = checked_costs(self.beliefs, self.actions, self.regrets, table)
         held: Any = self.probabilities
         if not sparse.issparse(held):
-            held = np.asarray(ordered(held, "mechanism probabilities", table))
+            held = ordered_array(held, "mechanism probabilities", table)
         if held.shape != regrets.shape:
             raise InputError(
                 f"{len(beliefs)} beliefs and {len(actions)} actions need probabilities of shape {regrets.shape}, "
@@ -104,10 +104,10 @@ class Mechanism(Summarised, Saved):
     def played(self, weights: ArrayLike) -> Array:
         """Return the probability of each action under weights of the beliefs: Σ_b w_b K(u_m|π_b), shape (M,)."""
         held = validation.finite_array(weights, "weights", ndim=1)
-        if len(held) != len(self.beliefs) or held.min() < -tolerances.BELIEF_SUM:
+        if len(held) != len(self.beliefs) or held.min(initial=0.0) < -tolerances.BELIEF_SUM:
             raise InputError(
-                f"weights has {len(held)} entries, the least {held.min():g}; expected one of at least 0 for each of the "
-                f"{len(self.beliefs)} beliefs"
+                f"weights has {len(held)} entries, the least {held.min(initial=0.0):g}; expected one of at least 0 for each "
+                f"of the {len(self.beliefs)} beliefs"
             )
         return np.asarray(self.sparse.T @ held)
 
@@ -138,8 +138,7 @@ def checked_costs(
     """
     belief_axis, action_axis = axes
     held = validation.stochastic_rows(beliefs, "mechanism beliefs", axes=(belief_axis, Axis("state")))
-    given = (action_axis, Axis("asset"))[: np.ndim(actions)]
-    played = np.asarray(ordered(actions, "mechanism actions", given))
+    played = ordered_array(actions, "mechanism actions", (action_axis, Axis("asset")))
     if played.dtype.kind not in "iu":
         played = validation.finite_array(played, "mechanism actions", ndim=2)
     elif played.ndim not in (1, 2):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.axes import Axis, Names, ordered
+from inscrutable.axes import Axis, Names, ordered_array
 from inscrutable.errors import InputError
 from inscrutable.problems.constraints import Polyhedron
 from inscrutable.problems.forms import LinearForm, QuadraticForm, SmoothForm
@@ -112,7 +112,7 @@ class DecisionProblem(ABC):
 
     def as_points(self, actions: ArrayLike) -> Array:
         """Return decisions as points (…,U) of the feasible set's space: themselves, unless decisions are whole numbers."""
-        return validation.points(actions, self.n_actions, self.asset_names)
+        return validation.points(actions, self.n_actions, Axis("asset", self.asset_names))
 
     def as_actions(self, points: Array) -> Any:
         """Return points (…,U) as decisions of the public interface: themselves, unless decisions are whole numbers."""
@@ -165,7 +165,7 @@ class DecisionProblem(ABC):
     def _checked_actions(self, actions: ArrayLike, rows: Axis | None) -> Array:
         given: ArrayLike = actions
         if self.is_discrete:
-            kind = np.asarray(ordered(actions, "action", (rows,) if np.ndim(actions) == 1 else (rows, None)))
+            kind = ordered_array(actions, "action", (rows, None))
             given = self.as_points(kind) if kind.dtype.kind in "iu" or not kind.ndim else actions
         points = validation.finite_array(given, "action", ndim=(1, 2), axes=(rows, Axis("asset", self.asset_names)))
         if points.shape[-1] != self.n_actions:

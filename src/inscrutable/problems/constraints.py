@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
@@ -81,7 +82,7 @@ class Polyhedron:
         if names is None:
             given = [*_row_names(A_ub, "A_ub", len(self.b_ub)), *_row_names(A_eq, "A_eq", len(self.b_eq))]
         else:
-            given = [str(name) for name in names]
+            given = _labelled(names, assets.names)
         if len(given) != n_rows:
             raise InputError(f"names has {len(given)} entries, expected one per row: {n_rows}")
         self._keep_rows(given)
@@ -186,7 +187,7 @@ class Polyhedron:
         return self._beyond(points, self.slacks(points))
 
     def _points(self, actions: ArrayLike) -> Array:
-        return validation.points(actions, self.n_actions, self.asset_names)
+        return validation.points(actions, self.n_actions, Axis("asset", self.asset_names))
 
     def _beyond(self, points: Array, slacks: Array) -> Array:
         beyond = -slacks.min(axis=-1, initial=np.inf)
@@ -366,7 +367,7 @@ class Bounds(Polyhedron):
         never = np.flatnonzero(np.isneginf(sides)).tolist()
         if never:
             raise ModelError(f"no decision satisfies {names[never[0]]}: it asks that a finite number <= -inf")
-        kept = np.flatnonzero(~np.isposinf(sides)).tolist()
+        kept, names = np.flatnonzero(~np.isposinf(sides)).tolist(), _labelled(names, self.asset_names)
         self.b_ub, self._held = sides[kept], (columns[kept], factors[kept])
         self.names = (*(names[row] for row in kept), *self.names)
         del self.A_ub  # made on demand
@@ -521,6 +522,12 @@ def _first_of_least(values: Array, kinds: np.ndarray, axis: int | None) -> np.nd
 def _row_names(A: ArrayLike | None, name: str, count: int) -> list[str]:
     labels = None if A is None else axis_labels(A, 0)
     return [f"{name}[{i}]" for i in range(count)] if labels is None else [str(label) for label in labels]
+
+
+def _labelled(names: Sequence[str], labels: Names | None) -> list[str]:
+    """Names of rows in which coordinates u[j] have their labels, as those of `box`."""
+    known = {f"u[{j}]": str(label) for j, label in enumerate(labels or ())}
+    return [re.sub(r"\bu\[\d+\]", lambda found: known.get(found[0], found[0]), str(name)) for name in names]
 
 
 def simplex(n: int, *, min_slack: float = tolerances.MIN_SLACK) -> Polyhedron:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.axes import Axis, ordered
+from inscrutable.axes import Axis, depth, ordered_array
 from inscrutable.errors import InputError
 from inscrutable.problems.constraints import simplex
 from inscrutable.problems.linear import LinearProblem
@@ -102,10 +102,10 @@ class FiniteProblem(LinearProblem):
 
     def _given(self, actions: ArrayLike) -> Any:
         """Choices (…) as whole numbers, whose labels are those of rows, or shares (…,K)."""
-        choices = np.asarray(actions) if np.ndim(actions) < 2 else None
+        choices = np.asarray(actions) if depth(actions) < 2 else None
         if choices is not None and choices.dtype.kind in "iu":
             return choices
-        return np.asarray(ordered(actions, "action", (Axis("choice", self.asset_names),)))
+        return ordered_array(actions, "action", (Axis("choice", self.asset_names),))
 
     def _checked(self, choices: np.ndarray) -> np.ndarray:
         bad = choices[(choices < 0) | (choices >= self.n_choices)]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.axes import Axis
+from inscrutable.axes import Axis, depth
 from inscrutable.errors import InputError
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
@@ -140,6 +140,8 @@ class PiecewiseLinearProblem(DecisionProblem):
 
 def _by_state(given: Any, name: str, states: Axis) -> list[Any]:
     """The entries of a list or a mapping, in the states' order."""
+    if not depth(given):
+        raise InputError(f"{name} must be a list with one entry per state, got {given!r}")
     if not isinstance(given, Mapping):
         return list(given)
     held, order = list(given.values()), states.order(tuple(given), name)

@@ -270,10 +270,10 @@ def _per_asset(limits: ArrayLike | Mapping[str, float], names: tuple[str, ...], 
         members = _numbers(list(limits), names, what)
         values[members] = validation.finite_array(list(limits.values()), what, ndim=1, limits=True)
     else:
-        try:
-            values = np.array(np.broadcast_to(np.asarray(limits, dtype=np.float64), (len(names),)))
-        except (TypeError, ValueError):
-            raise InputError(f"{what} must be one number or {len(names)} of them, got {limits!r}") from None
+        given = validation.real_array(limits, what)
+        if given.shape not in ((), (1,), (len(names),)):
+            raise InputError(f"{what} must be one number or {len(names)} of them, got {limits!r}")
+        values = np.array(np.broadcast_to(given, (len(names),)))
     if np.isnan(values).any() or (values == -absent).any():
         wrong = int(np.flatnonzero(np.isnan(values) | (values == -absent))[0])
         raise InputError(f"{what} has {values[wrong]} for {names[wrong]}; {absent} stands for no limit")

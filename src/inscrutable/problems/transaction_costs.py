@@ -50,9 +50,7 @@ def with_transaction_costs(
     if smooth is None:
         raise InputError(f"transaction costs need a QuadraticProblem or another with quadratic costs, got {problem!r}")
     assets = Axis("asset", problem.asset_names)
-    held = validation.finite_array(former, "former", ndim=1, axes=(assets,))
-    if held.size != problem.n_actions:
-        raise InputError(f"former has {held.size} coordinates, expected {problem.n_actions}")
+    held = _held(former, problem.n_actions, assets)
     impact = _rates(quadratic, held.size, "quadratic", assets)
     if impact.any():
         smooth = QuadraticProblem(
@@ -72,6 +70,13 @@ def _unlifted(problem: DecisionProblem) -> QuadraticProblem | None:
     if form is not None and isinstance(problem, QuadraticProblem):
         return problem
     return None if form is None or form.lift is not None else quadratic_problem(problem)
+
+
+def _held(former: ArrayLike, size: int, assets: Axis) -> Array:
+    held = validation.finite_array(former, "former", ndim=1, axes=(assets,))
+    if held.size != size:
+        raise InputError(f"former has {held.size} coordinates, expected {size}")
+    return held
 
 
 def _rates(value: ArrayLike, size: int, name: str, assets: Axis) -> Array:
@@ -115,7 +120,7 @@ class TradingProblem(DecisionProblem):
         assets = Axis("asset", problem.asset_names)
         self.untraded = problem
         self.state_names = problem.state_names
-        self.former = validation.finite_array(former, "former", ndim=1, axes=(assets,))
+        self.former = _held(former, problem.n_actions, assets)
         self.rates = _rates(rates, problem.n_actions, "rates", assets)
         self.constraints = problem.constraints
         # A coordinate without trading cost, or traded only one way, has no kink.

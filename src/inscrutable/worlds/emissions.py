@@ -69,6 +69,8 @@ class CategoricalEmission:
     def __init__(self, probabilities: ArrayLike) -> None:
         states = Axis("state", learns=True)
         rows = validation.stochastic_rows(probabilities, "probabilities", axes=(states, Axis("symbol")))
+        if not len(rows):
+            raise InputError("probabilities has no rows; expected one per state")
         object.__setattr__(self, "probabilities", frozen(rows))
         object.__setattr__(self, "state_names", states.names)
 

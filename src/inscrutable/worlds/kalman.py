@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import cho_factor, cho_solve, solve_discrete_are
 
 from inscrutable import tolerances, validation
-from inscrutable.axes import Axis
+from inscrutable.axes import Axis, depth
 from inscrutable.errors import InputError, ModelError
 from inscrutable.validation import Array
 from inscrutable.worlds.linear_gaussian import LinearGaussianWorld, at
@@ -267,7 +267,7 @@ def _symmetric(matrix: Array) -> Array:
 
 def _rows(given: Any, n_columns: int, names: Labels | None, name: str) -> Array:
     """Rows (T, n_columns), NaN where something is missing."""
-    axes = (None, Axis("column", names)) if np.ndim(given) > 1 else (None,)
+    axes = (None, Axis("column", names)) if depth(given) > 1 else (None,)
     values = validation.real_array(given, name, axes)
     rows = values[:, None] if values.ndim == 1 else values
     if rows.ndim != 2 or not len(rows) or rows.shape[1] != n_columns:

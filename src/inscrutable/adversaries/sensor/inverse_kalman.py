@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.axes import Axis, Names
+from inscrutable.axes import Axis, Names, depth
 from inscrutable.errors import InputError, ModelError
 from inscrutable.validation import Array
 from inscrutable.worlds.kalman import KalmanResult, kalman_filter
@@ -132,7 +132,7 @@ def _seen(world: LinearGaussianWorld, rows: Array, certain: str) -> KalmanResult
 
 def _rows(given: Any, n_columns: int, name: str, axes: tuple[Axis, Axis]) -> Array:
     """Rows (T,n_columns), NaN where something is missing."""
-    found = validation.real_array(given, name, axes[: 1 if np.ndim(given) == 1 else 2])
+    found = validation.real_array(given, name, axes[: depth(given)])
     found = found[:, None] if found.ndim == 1 else found
     if found.ndim != 2 or not len(found) or found.shape[1] != n_columns:
         raise InputError(f"{name} has shape {np.shape(given)}, expected (T,{n_columns}) with T at least 1")

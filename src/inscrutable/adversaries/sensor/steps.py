@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.axes import Axis
+from inscrutable.axes import Axis, ordered_array
 from inscrutable.errors import InputError, ModelError
 from inscrutable.validation import Array
 
@@ -90,10 +90,10 @@ def seen_beliefs(beliefs: ArrayLike, states: Axis, n_states: int | None = None) 
     Raises:
         InputError: The rows are not beliefs, or fewer than two.
     """
-    plain = validation.finite_array(beliefs, "beliefs", ndim=2, axes=(Axis("step", learns=True), states))
+    plain = ordered_array(beliefs, "beliefs", (Axis("step", learns=True), states))
+    if plain.ndim != 2 or len(plain) < 2:
+        raise InputError(f"beliefs must be successive ones (T,X), two at least, got shape {plain.shape}")
     held = validation.beliefs(plain, plain.shape[1] if n_states is None else n_states, "beliefs")
-    if len(held) < 2:
-        raise InputError(f"beliefs has {len(held)} rows; a step of a filter needs two at least")
     return held
 
 

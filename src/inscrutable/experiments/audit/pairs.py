@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from inscrutable.axes import few
+from inscrutable.axes import few, ordered_array
 from inscrutable.errors import InputError
 from inscrutable.labels import label_text
 from inscrutable.validation import Array
@@ -102,7 +102,7 @@ def _table(value: Any, name: str) -> pd.DataFrame:
     elif isinstance(value, pd.Series):
         table = value.to_frame(name if value.name is None else value.name)
     else:
-        given = np.asarray(value)
+        given = ordered_array(value, name, None)
         if given.ndim not in (1, 2):
             raise InputError(f"{name} must be rows of shape (T,) or (T,U), got shape {given.shape}")
         alone = given.ndim == 1 or given.shape[1] == 1

@@ -163,7 +163,7 @@ def points(value: ArrayLike, size: int, axis: Axis, name: str = "action") -> Arr
     is_plain = type(value) is np.ndarray and value.dtype == np.float64
     found = np.asarray(value) if is_plain else real_array(value, name, (axis,))
     if found.ndim == 0 or found.shape[-1] != size:
-        raise InputError(f"{name} has shape {found.shape}, expected {size} entries in the last axis")
+        raise InputError(f"{name} has shape {found.shape}, expected {size} coordinates in the last axis")
     return found
 
 

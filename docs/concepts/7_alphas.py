@@ -109,7 +109,7 @@ for shown, what in ((free, "no limits"), (problem, "long-only, capped")):
 #
 # `AlphaDecisionMaker` has a given expected regret, a share of the silence regret, which is the regret of the decision for the
 # public law alone. Its objective is the fewest bits or the largest error of the observer. It reaches the optimum of either
-# among all rules of this regret. The study `studies/alphas.toml` computes this in random markets, and lets an observer learn
+# among all rules of this regret (over time and above 120 signals a status says where a gap remains). The study `studies/alphas.toml` computes this in random markets, and lets an observer learn
 # from simulated decisions; here is a part of it. The rule of the largest error leaks many bits: it reveals some directions
 # nearly exactly, and others not at all.
 

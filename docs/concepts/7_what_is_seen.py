@@ -94,7 +94,7 @@ print(table.lines())
 # each day, an observer averages it: the standard error of a weight is σ/√n after n days, with σ that of one day. A mask that is
 # kept does not average out. A fund's value also reveals its weights: with U assets of known returns, U − 1 days determine the
 # weights of a fund that is rebalanced to the same weights every day (`infer_weights`), up to the error of the published values.
-# The study `studies/masked_basket.toml` measures all three.
+# The study `studies/masked_basket.toml` measures masks drawn daily, masks that are kept, and the fund's value.
 
 from tempfile import TemporaryDirectory
 

@@ -144,8 +144,8 @@ def markdown(groups: Sequence[Group], pictures: Sequence[str] = ()) -> str:
         "# Benchmarks",
         "",
         "Written by `make bench` (the last group by `make audit`). Times depend on the machine, ratios hardly. "
-        "A ratio is our time over the peer's where its target is an upper bound of it (≤), else the peer's over ours; on "
-        "growth it is the time per step over that of the first row. A wrong answer fails the run.",
+        "A ratio is the peer's time over ours; of many decisions and of the start it is our time over the peer's, of growth "
+        "the time per step over that of the first row. A wrong answer fails the run.",
     ]
     for group in groups:
         lines += ["", f"## {group.title}", "", group.measured, "", _line(HEADS), _line(["---"] * len(HEADS))]

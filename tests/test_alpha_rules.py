@@ -568,6 +568,44 @@ def test_both_singular_is_reduced_to_what_is_reached() -> None:
     assert many.error == pytest.approx(one.error, rel=1e-8)
 
 
+@pytest.mark.parametrize("objective", ["information", "error"])
+@pytest.mark.parametrize("unit", [5e-4, 1e-7])
+def test_rules_over_time_are_the_same_in_every_unit(
+    unit: float, objective: Literal["information", "error"], fresh_rng: np.random.Generator
+) -> None:
+    """Signals were taken as known whose standard deviations were a two-thousandth of another's."""
+    units = np.array([1.0, unit])
+    both, moves = np.outer(units, units), stable(fresh_rng, 2, 0.9)
+    spread, noise, loads = covariance(fresh_rng, 2, 4), covariance(fresh_rng, 2, 4), fresh_rng.normal(size=(3, 2))
+    means = fresh_rng.normal(size=(5, 2))
+
+    def made(units: Array, both: Array) -> AlphaDecisionMaker:
+        world = LinearGaussianWorld(moves * units[:, None] / units, spread * both, np.eye(2), noise * both)
+        problem = AlphaProblem(np.eye(3), 2.0, loadings=loads / units)
+        return AlphaDecisionMaker(problem, 0.4, world=world, objective=objective, error_weights=np.diag(units**-2.0))
+
+    maker, other = made(units, both), made(np.ones(2), np.ones((2, 2)))
+    assert (maker.regret, maker.error) == pytest.approx((other.regret, other.error), rel=1e-6)
+    np.testing.assert_allclose(maker.error_covariance / both, other.error_covariance, rtol=1e-4, atol=1e-5)
+    if objective == "error":  # it may reveal a direction exactly, and its bits are then as large as rounding lets them
+        return
+    found, expected = (
+        each.decide_path(means * size, rng=np.random.default_rng(0)).bits
+        for each, size in ((maker, units), (other, np.ones(2)))
+    )
+    np.testing.assert_allclose([maker.bits, *found], [other.bits, *expected], rtol=1e-6)
+
+
+def test_one_decision_is_the_same_in_every_unit() -> None:
+    """Two equal signals at half of silence leak one bit: ½ log2 2 each."""
+    for unit in (1.0, 1e-7, 1e-9):
+        problem = AlphaProblem(np.eye(2), 2.0, loadings=np.diag([0.1, 0.1 / unit]))
+        maker = AlphaDecisionMaker(problem, 0.5, prior_covariance=np.diag([1.0, unit**2]))
+        assert maker.bits == pytest.approx(1.0, abs=1e-9)
+        drawn = maker.decide([1.0, unit], rng=np.random.default_rng(0))
+        assert drawn.estimate[1] != 0.0
+
+
 def test_an_unstable_world_takes_an_absolute_budget() -> None:
     world = LinearGaussianWorld([[1.2]], [[1.0]], [[1.0]], [[0.5]], initial=([0.0], [[1.0]]))
     with pytest.raises(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.alphas.error_law import law_between, root_of
+from inscrutable.alphas.error_law import law_between, root_of, sizes_of
 from inscrutable.alphas.factored_law import FactoredErrorLaw, least_information_of_factors, specific_ratio
 from inscrutable.alphas.observed import Moves
 from inscrutable.alphas.plans import (
@@ -33,6 +33,7 @@ from inscrutable.budgets import Budget, as_budget
 from inscrutable.errors import InputError, ModelError
 from inscrutable.validation import Array
 from inscrutable.worlds import LinearGaussianWorld, steady_filter
+from inscrutable.worlds.linear_gaussian import units_of
 
 Objective = Literal["information", "error"]
 
@@ -155,7 +156,7 @@ class AlphaDecisionMaker:
         if self.world is None:
             assert self._prior is not None
             prior = self._prior.dense() if isinstance(self._prior, FactorRisk) else self._prior
-            return Moves.private(np.zeros_like(prior), prior)
+            return Moves.private(np.zeros_like(prior), prior, sizes_of(prior))
         steady = steady_filter(self.world)
         return Moves(
             np.asarray(self.world.transition),
@@ -163,6 +164,7 @@ class AlphaDecisionMaker:
             steady.public_sensor,
             steady.cross_covariance,
             steady.public_covariance,
+            units_of(self.world.transition, self.world.process),
         )
 
     @cached_property
@@ -203,9 +205,9 @@ class AlphaDecisionMaker:
             return plan_of_factors(law, self._weights)
         limit = self.limit
         if self.silence is not None and limit >= self.silence_regret:
-            return silent_plan(self.silence, self.theta, self.weights, is_error)
+            return silent_plan(self.silence, self.theta, self.weights, is_error, self.moves.units)
         if self.silence is not None and not self.moves.transition.any():  # every mean is independent of those before
-            return plan_once(self.theta, self.silence, limit, self.weights, is_error)
+            return plan_once(self.theta, self.silence, limit, self.weights, is_error, self.moves.units)
         return plan_over_time(self.moves, self.theta, limit, self.weights, is_error)
 
     @property
@@ -289,7 +291,7 @@ class AlphaDecisionMaker:
         def cost(limit: float) -> SimulatedRegret:
             law = self._spending(limit).plan.law
             if self.silence is not None and self.world is not None:
-                law = law_between(root_of(self.silence), law.covariance)
+                law = law_between(root_of(self.silence, self.moves.units), law.covariance)
             return mean_of(regrets(self.start_mean + law.message(means, np.random.default_rng(noise))))
 
         limit, found = self.silence_regret, silent

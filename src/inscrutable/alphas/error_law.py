@@ -104,8 +104,20 @@ def turned(root: tuple[Array, Array], turn: Array, shares: Array) -> ErrorLaw:
     return ErrorLaw(basis @ turn, turn.T @ dual, shares, turn if is_factor else None)
 
 
-def root_of(covariance: Array) -> tuple[Array, Array]:
-    """Return T and T⁺ with T T' the covariance, shapes (n,q) and (q,n); q is its rank."""
+def sizes_of(covariance: Array) -> Array:
+    """Return the standard deviations (n,) of a covariance, 1 where there is none."""
+    variances = np.diag(covariance)
+    return np.asarray(np.sqrt(np.where(variances > 0.0, variances, 1.0)))
+
+
+def root_of(covariance: Array, units: Array | None = None) -> tuple[Array, Array]:
+    """Return T and T⁺ with T T' the covariance and T⁺T = I, shapes (n,q) and (q,n); q is its rank.
+
+    Variances count as none relative to the squares of `units`, (n,), the sizes of the coordinates; None: all are one.
+    """
+    if units is not None:
+        basis, dual = root_of(covariance / np.outer(units, units))
+        return units[:, None] * basis, dual / units
     held = 0.5 * (covariance + covariance.T)
     factor = _well_conditioned(held) if len(held) > _LARGE else None
     if factor is not None:  # a tenth of the time of an eigendecomposition

@@ -21,6 +21,8 @@ class Moves:
         public_sensor: H, shape (p,n); p may be 0.
         cross: N, shape (n,p).
         public_covariance: R, shape (p,p).
+        units: Sizes of the coordinates of m, shape (n,): a variance is small or large relative to their squares. None: all are
+            one.
     """
 
     transition: Array
@@ -28,12 +30,13 @@ class Moves:
     public_sensor: Array
     cross: Array
     public_covariance: Array
+    units: Array | None = None
 
     @classmethod
-    def private(cls, transition: Array, innovation: Array) -> Moves:
+    def private(cls, transition: Array, innovation: Array, units: Array | None = None) -> Moves:
         """Return dynamics without public observations."""
         n = len(transition)
-        return cls(transition, innovation, np.zeros((0, n)), np.zeros((n, 0)), np.zeros((0, 0)))
+        return cls(transition, innovation, np.zeros((0, n)), np.zeros((n, 0)), np.zeros((0, 0)), units)
 
     @property
     def radius(self) -> float:
@@ -59,6 +62,9 @@ class Moves:
 
     def silence(self) -> Array | None:
         """Return the error covariance (n,n) of an observer who sees no decision; None where it grows without bound."""
+        if self.units is not None:
+            scaled = self.scaled().silence()
+            return None if scaled is None else scaled * np.outer(self.units, self.units)
         if not self.transition.any():
             return self.predicted(np.zeros_like(self.innovation))[0]
         if self.radius < 1.0 - tolerances.STABLE and not len(self.public_sensor):
@@ -72,6 +78,18 @@ class Moves:
         except (np.linalg.LinAlgError, ValueError):
             return None
         return np.asarray(found)
+
+    def scaled(self) -> Moves:
+        """Return the dynamics in coordinates whose sizes are one."""
+        if self.units is None:
+            return self
+        return Moves(
+            self.transition * self.units / self.units[:, None],
+            self.innovation / np.outer(self.units, self.units),
+            self.public_sensor * self.units,
+            self.cross / self.units[:, None],
+            self.public_covariance,
+        )
 
     def within(self, basis: Array) -> Moves:
         """Return the dynamics in coordinates of an invariant subspace with the orthonormal basis (n,q)."""

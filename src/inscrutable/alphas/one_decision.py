@@ -60,14 +60,16 @@ def filled(costs: Array, limit: float, counts: Array | None = None) -> Array:
     return np.asarray(np.where(costs > level, level / np.where(costs > level, costs, 1.0), 1.0))
 
 
-def least_information(theta: Array, prior_covariance: Array, limit: float) -> ErrorLaw:
-    """Return the law of fewest bits ½ log det S − ½ log det E at tr(ΘE) ≤ limit."""
-    root = root_of(prior_covariance)
+def least_information(theta: Array, prior_covariance: Array, limit: float, units: Array | None = None) -> ErrorLaw:
+    """Return the law of fewest bits ½ log det S − ½ log det E at tr(ΘE) ≤ limit; `units` as of `root_of`."""
+    root = root_of(prior_covariance, units)
     costs, turn = directions(root[0], theta)
     return turned(root, turn, filled(costs, limit))
 
 
-def most_error(theta: Array, prior_covariance: Array, weights: Array, limit: float) -> ErrorLaw:
+def most_error(
+    theta: Array, prior_covariance: Array, weights: Array, limit: float, units: Array | None = None
+) -> ErrorLaw:
     """Return the law of largest tr(QE) at tr(ΘE) ≤ limit, and of the fewest bits among these.
 
     Formula: X = 1{T'(Q − μΘ)T ≻ 0}, plus a part of the null space that spends the rest of the limit. Where T'QT and T'ΘT
@@ -78,8 +80,9 @@ def most_error(theta: Array, prior_covariance: Array, weights: Array, limit: flo
         prior_covariance: S, shape (n,n).
         weights: Q, shape (n,n), positive semidefinite.
         limit: The regret to spend.
+        units: Sizes of the signals, as of `root_of`.
     """
-    root = root_of(prior_covariance)
+    root = root_of(prior_covariance, units)
     costs, gains = _inside(root[0], theta), _inside(root[0], weights)
     common = _common(costs, gains)
     if common is None:

@@ -57,17 +57,21 @@ def plan_of_factors(law: FactoredErrorLaw, weights: Array | None) -> Plan:
     return Plan(law, law.regret, law.bits, error, law.bits)
 
 
-def plan_once(theta: Array, prior: Array, limit: float, weights: Array, is_error: bool) -> Plan:
-    """Return the best plan for one decision."""
-    law = most_error(theta, prior, weights, limit) if is_error else least_information(theta, prior, limit)
+def plan_once(
+    theta: Array, prior: Array, limit: float, weights: Array, is_error: bool, units: Array | None = None
+) -> Plan:
+    """Return the best plan for one decision; `units` as of `root_of`."""
+    law = most_error(theta, prior, weights, limit, units) if is_error else least_information(theta, prior, limit, units)
     error = law.weighed(weights)
     return Plan(law, max(law.weighed(theta), 0.0), law.bits, error, error if is_error else law.bits)
 
 
 def plan_over_time(moves: Moves, theta: Array, limit: float, weights: Array, is_error: bool) -> Plan:
     """Return the best stationary plan, in the subspace that the belief can reach, at a limit below the regret of silence."""
-    basis = moves.reached()
-    inside, costs, gains = moves.within(basis), basis.T @ theta @ basis, basis.T @ weights @ basis
+    units, scaled = np.ones(len(theta)) if moves.units is None else moves.units, moves.scaled()
+    basis = scaled.reached()
+    inside, into = scaled.within(basis), units[:, None] * basis
+    costs, gains = into.T @ theta @ into, into.T @ weights @ into
     if not basis.shape[1]:
         return silent_plan(np.zeros_like(theta), theta, weights, is_error)
     if limit <= tolerances.COST_ROUNDING * float(np.sum(costs * inside.innovation)):  # lost in rounding
@@ -76,13 +80,13 @@ def plan_over_time(moves: Moves, theta: Array, limit: float, weights: Array, is_
         found = most_error_over_time(inside, costs, gains, limit)
     else:
         found = least_bits(inside, costs, limit)
-    law = ErrorLaw(basis @ found.law.basis, found.law.dual @ basis.T, found.law.shares)
+    law = ErrorLaw(into @ found.law.basis, found.law.dual @ (basis / units[:, None]).T, found.law.shares)
     return Plan(law, found.regret, law.bits, law.weighed(weights), found.bound)
 
 
-def silent_plan(silence: Array, theta: Array, weights: Array, is_error: bool) -> Plan:
-    """Return the silent plan: E is the error covariance of an observer without decisions."""
-    law = law_between(root_of(silence), silence)
+def silent_plan(silence: Array, theta: Array, weights: Array, is_error: bool, units: Array | None = None) -> Plan:
+    """Return the silent plan: E is the error covariance of an observer without decisions; `units` as of `root_of`."""
+    law = law_between(root_of(silence, units), silence)
     error = law.weighed(weights)
     return Plan(law, law.weighed(theta), 0.0, error, error if is_error else 0.0)
 

@@ -133,7 +133,7 @@ class AlphaSequence(KeptInFile):
             assert isinstance(self._law, ErrorLaw)
             self._sensor = self._law.sensor()
             if maker.silence is not None:
-                self._law = after_sensor(root_of(maker.silence), *self._sensor)
+                self._law = after_sensor(root_of(maker.silence, maker.moves.units), *self._sensor)
         self._published = False
         self.latest: Array | None = None
         self.periods: tuple[str, ...] = ()  # of the published decisions, as far as the caller adds them
@@ -254,8 +254,10 @@ class AlphaSequence(KeptInFile):
         assert self._sensor is not None
         before, _ = self._maker.moves.predicted(self._error())
         lasting = self._plan.law.before  # type: ignore[union-attr]
-        near = np.abs(before - lasting).max() <= tolerances.SETTLED * np.abs(lasting).max()
-        return self._plan.law if near else after_sensor(root_of(before), *self._sensor)
+        size = np.sqrt(np.diag(lasting))
+        size[size == 0.0] = size.max()
+        near = np.abs(before - lasting) <= tolerances.SETTLED * np.outer(size, size)
+        return self._plan.law if near.all() else after_sensor(root_of(before, self._maker.moves.units), *self._sensor)
 
     def _now(self) -> None:
         if self._published:
@@ -310,7 +312,7 @@ class AlphaSequence(KeptInFile):
         self.n_published, self.n_steps = found.n_published, found.n_steps
         self.total_regret, self.total_bits, self.periods = found.regret, found.bits, found.periods
         if found.before is not None and self._sensor is not None:
-            self._law = after_sensor(root_of(found.before), *self._sensor)
+            self._law = after_sensor(root_of(found.before, self._maker.moves.units), *self._sensor)
         elif not self._is_fresh:
             self._law = self._plan.law
         return self

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.alphas.error_law import root_of
+from inscrutable.alphas.error_law import root_of, sizes_of
 from inscrutable.alphas.problem import AlphaProblem
 from inscrutable.alphas.risk import FactorRisk
 from inscrutable.errors import SolverError
@@ -32,9 +32,9 @@ class SimulatedRegret(NamedTuple):
 def drawn_means(prior: Array | FactorRisk, draws: int, rng: np.random.Generator) -> Array:
     """Return draws of m − m̄ with covariance S, shape (draws,k)."""
     if not isinstance(prior, FactorRisk):
-        root = root_of(prior)[0]
+        root = root_of(prior, sizes_of(prior))[0]
         return np.asarray(rng.standard_normal((draws, root.shape[1])) @ root.T)
-    root = root_of(prior.factor_covariance)[0]
+    root = root_of(prior.factor_covariance, sizes_of(prior.factor_covariance))[0]
     common = rng.standard_normal((draws, root.shape[1])) @ root.T @ prior.exposures.T
     return np.asarray(common + np.sqrt(prior.specific) * rng.standard_normal(common.shape))
 

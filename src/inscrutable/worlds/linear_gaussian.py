@@ -142,7 +142,10 @@ class LinearGaussianWorld:
                 f"the world has no stationary law: the largest eigenvalue of transition has modulus {radius:.10g}, expected "
                 "less than 1; pass `initial`"
             )
-        return _symmetric(np.asarray(solve_discrete_lyapunov(self.transition, self.process)))
+        units = units_of(self.transition, self.process)
+        both = np.outer(units, units)
+        scaled = solve_discrete_lyapunov(self.transition * units / units[:, None], self.process / both)
+        return _symmetric(np.asarray(scaled) * both)
 
     def check_constant(self, what: str) -> None:
         """Raise `ModelError` where matrices change with time, so that `what` does not exist."""
@@ -187,6 +190,20 @@ class LinearGaussianWorld:
 def at(matrix: Array, t: int) -> Array:
     """Return a matrix at a step."""
     return matrix if matrix.ndim == 2 else np.asarray(matrix[t])
+
+
+def units_of(transition: Array, process: Array) -> Array:
+    """Return standard deviations (n,) that noise adds to the states within n steps or more, whatever their units.
+
+    Formula: the diagonal of Σ_i A^i Q A^i', with A divided by its largest modulus of an eigenvalue where that exceeds one. A
+    state that no noise reaches has the largest of the others.
+    """
+    power = transition / max(1.0, float(np.abs(np.linalg.eigvals(transition)).max(initial=0.0)))
+    found = process
+    for _ in range(len(process).bit_length()):
+        found, power = found + power @ found @ power.T, power @ power
+    sizes = np.sqrt(np.diag(found))
+    return np.asarray(np.where(sizes > 0.0, sizes, max(float(sizes.max()), 0.0) or 1.0))
 
 
 def draws(covariance: Array, n: int, *, rng: np.random.Generator) -> Array:

@@ -131,6 +131,27 @@ def test_a_singular_risk_decides_where_its_constraints_let_it() -> None:
     np.testing.assert_allclose(flat.optimum([3.0, 7.0]), [3.0, 2.0])
 
 
+@pytest.mark.parametrize(("count", "rows"), [(6, 4), (3, 2), (5, 5), (12, 12), (40, 40), (30, 31)])
+def test_covariances_of_too_few_rows_are_singular_in_every_unit(
+    count: int, rows: int, fresh_rng: np.random.Generator
+) -> None:
+    """Rounding let half of them pass, with weights of 1e15."""
+    for scale in (1.0, 1e-8):
+        units = np.append(np.ones(count - 1), scale)
+        returns = 0.02 * fresh_rng.normal(size=(rows, count)) * units
+        if rows > count:  # the last asset is the mean of the others
+            returns[:, -1] = scale * returns[:, :-1].mean(axis=1)
+        problem = AlphaProblem(np.cov(returns.T), 2.5)
+        with pytest.raises(ModelError, match="the risk is singular"):
+            problem.optimum(0.01 * units)
+        with pytest.raises(ModelError, match="the risk is singular"):
+            _ = AlphaDecisionMaker(problem, 0.5, prior_covariance=np.diag(units**2)).silence_regret
+    apart = 0.02 * fresh_rng.normal(size=(2 * count, count)) * np.geomspace(1.0, 1e-6, count)
+    matrix = np.cov(apart.T)
+    found = AlphaProblem(matrix, 2.5).optimum(matrix @ np.ones(count))
+    np.testing.assert_allclose(found, np.full(count, 0.2), rtol=1e-6)
+
+
 def test_bounds_are_the_rows_that_they_stand_for(fresh_rng: np.random.Generator) -> None:
     low, high = -fresh_rng.uniform(size=5), fresh_rng.uniform(size=5)
     high[2], low[4] = np.inf, -np.inf

@@ -153,6 +153,26 @@ def test_an_end_along_a_ray_is_infinite_in_every_unit(fresh_rng: np.random.Gener
                 assert views.interval(0) == (-np.inf, np.inf)
 
 
+@pytest.mark.parametrize("limits", [False, True])
+def test_views_within_a_regret_are_the_same_in_every_unit(limits: bool, fresh_rng: np.random.Generator) -> None:
+    """A signal with loadings of 1e-7 of another's was left out."""
+    loads, mean = fresh_rng.normal(size=(3, 2)), fresh_rng.normal(size=2)
+    region = box(np.full(3, -50.0), np.full(3, 50.0)) if limits else None
+    theta = AlphaProblem(np.eye(3) * 0.04, 2.5, loadings=loads).theta
+    width = np.sqrt(1e-3 * np.diag(np.linalg.inv(theta)))  # of the ellipsoid (m − m̂)'Θ(m − m̂) ≤ r
+    shown = np.sqrt(1e-3 * np.diag(loads @ np.linalg.inv(theta) @ loads.T))
+    for unit in (1.0, 1e-5, 1e-7, 1e-9, 1e7):
+        units = np.array([1.0, unit])
+        problem = AlphaProblem(np.eye(3) * 0.04, 2.5, region, loadings=loads * units)
+        weights = problem.optimum(mean / units)
+        views = implied_views(problem, weights, regret=1e-3)
+        ends = np.column_stack([mean - width, mean + width])
+        np.testing.assert_allclose(views.bounds * units[:, None], ends, rtol=1e-4, atol=1e-6)
+        ends = np.column_stack([loads @ mean - shown, loads @ mean + shown])
+        np.testing.assert_allclose(views.asset_bounds, ends, rtol=1e-4, atol=1e-6)
+        assert views.contains(mean / units)
+
+
 def test_programmes_at_the_border_of_a_region_overflow_nothing() -> None:
     rng = np.random.default_rng(2380298458)
     region, risk, loads = regions(rng)["sector"], risk_of(rng), rng.normal(size=(N, 2))

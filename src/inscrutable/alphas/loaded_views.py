@@ -183,9 +183,11 @@ class ViewsWithinRegret(ViewSet):
         if self.problem.has_inequalities:
             ends = [[-self._end(-direction), self._end(direction)] for direction in directions]
             return np.array(ends).reshape(-1, 2)
-        values, axes = np.linalg.eigh(self.problem.theta)
+        unit = _units(self._loads)
+        directions = directions / unit
+        values, axes = np.linalg.eigh(self.problem.theta / np.outer(unit, unit))
         curved = values > tolerances.CURVATURE * values.max()
-        apart = self._loads.T @ (self.weights - self.problem.least_risk)
+        apart = (self._loads / unit).T @ (self.weights - self.problem.least_risk)
         along = directions @ axes
         middle = 0.5 * (along[:, curved] / values[curved]) @ (axes[:, curved].T @ apart)
         width = np.sqrt((self.regret - self.gap) * (along[:, curved] ** 2 / values[curved]).sum(axis=1))
@@ -198,6 +200,7 @@ class ViewsWithinRegret(ViewSet):
     def _end(self, direction: Array) -> float:
         """Return an upper bound of the greatest d'm."""
         frame, sizes, axes = _frame(self._loads)
+        direction = direction / _units(self._loads)
         inside = axes @ direction
         if np.abs(direction - axes.T @ inside).max() > tolerances.RANK * np.abs(direction).max(initial=0.0):
             return np.inf  # no held asset has an exposure to it
@@ -252,9 +255,15 @@ def least_regret(problem: AlphaProblem, weights: Array) -> float:
     return max(problem.risk_aversion * float(problem.risk.quadratic(apart)) + float(slope @ apart), 0.0)
 
 
+def _units(loads: Array) -> Array:
+    """The largest loading (k,) of each signal, 1 where there is none: the rank of B does not depend on the signals' units."""
+    size = np.abs(loads).max(axis=0)
+    return np.asarray(np.where(size > 0.0, size, 1.0))
+
+
 def _frame(loads: Array) -> tuple[Array, Array, Array]:
-    """B = U S W' (n,r), (r,), (r,k) of full rank r."""
-    left, values, axes = np.linalg.svd(loads, full_matrices=False)
+    """B = U S W' diag(units), (n,r), (r,), (r,k) of full rank r."""
+    left, values, axes = np.linalg.svd(loads / _units(loads), full_matrices=False)
     rank = int((values > tolerances.RANK * values.max(initial=0.0)).sum())
     return left[:, :rank], values[:rank], axes[:rank]
 

@@ -241,6 +241,22 @@ def test_a_prior_of_the_risks_own_factors_is_as_the_dense_one(
     np.testing.assert_allclose(shown.T, told @ np.linalg.inv(prior.dense()), atol=1e-8)
 
 
+def test_a_budget_row_counts_beside_exposures_in_any_unit() -> None:
+    """A factor with exposures of 1e7 let the row of a budget count as none."""
+    rng = np.random.default_rng(FRESH_SEED)
+    exposures, specific = rng.standard_normal((30, 2)), rng.uniform(0.01, 0.05, 30)
+    found = []
+    for unit in (1.0, 1e4, 1e7, 1e9, 1e-9):
+        units = np.array([1.0, unit])
+        risk = FactorRisk(exposures * units, np.diag([0.02, 0.01]) / units**2, specific)
+        prior = FactorRisk(exposures * units, np.diag([1e-4, 2e-4]) / units**2, 0.01 * specific)
+        problem = AlphaProblem(risk, 2.0, Polyhedron(A_eq=np.ones((1, 30)), b_eq=[0.0]))
+        maker = AlphaDecisionMaker(problem, 0.3, prior_covariance=prior)
+        assert isinstance(maker.plan.law, FactoredErrorLaw)
+        found.append((maker.bits, maker.regret, maker.error, maker.silence_regret))
+    np.testing.assert_allclose(found, np.tile(found[0], (5, 1)), rtol=1e-6)
+
+
 def test_a_prior_of_other_specific_variances_is_as_the_dense_one() -> None:
     rng = np.random.default_rng(FRESH_SEED)
     exposures, specific = rng.standard_normal((8, 2)), rng.uniform(0.01, 0.04, 8)

@@ -110,5 +110,6 @@ def least_information_of_factors(
 
 
 def _span(columns: Array) -> Array:
-    left, values, _ = np.linalg.svd(columns, full_matrices=False)
+    size = np.linalg.norm(columns, axis=0)  # of factors and rows, each in a unit of its own
+    left, values, _ = np.linalg.svd(columns / np.where(size > 0.0, size, 1.0), full_matrices=False)
     return np.asarray(left[:, values > np.sqrt(tolerances.NO_VARIANCE) * values.max(initial=0.0)])

@@ -727,6 +727,26 @@ def test_simulated_trading_costs_what_is_stated() -> None:
     assert within((costs[0] - costs[1])[200:], hidden.regret, batch=50), FRESH_SEED
 
 
+@pytest.mark.parametrize("kind", ["matrix", "factors"])
+def test_trading_keeps_to_a_budget(kind: str, fresh_rng: np.random.Generator) -> None:
+    """The first trade started from zero, outside of the budget. Weights are those of a budget of 0 and of least risk."""
+    rows, risk = np.array([[1.0, 1.0, 1.0]]), covariance(fresh_rng, 3, 6)
+    held = risk if kind == "matrix" else FactorRisk([[1.0], [0.3], [-0.5]], [[0.04]], [0.01, 0.02, 0.03])
+    matrix = risk if isinstance(held, np.ndarray) else held.dense()
+    world = LinearGaussianWorld(stable(fresh_rng, 3, 0.8), np.eye(3), np.eye(3), np.eye(3))
+    means = fresh_rng.normal(size=(4, 3))
+    full, none = (
+        AlphaDecisionMaker(
+            AlphaProblem(held, 2.5, Polyhedron(A_eq=rows, b_eq=[side]), trading_cost=2.0), 0.5, world=world
+        ).decide_path(means, rng=np.random.default_rng(0))
+        for side in (1.0, 0.0)
+    )
+    least = np.linalg.solve(matrix, rows[0]) / (rows[0] @ np.linalg.solve(matrix, rows[0]))
+    np.testing.assert_allclose(full.actions.sum(axis=1), 1.0)
+    np.testing.assert_allclose(full.actions - none.actions, np.tile(least, (4, 1)), atol=1e-9)
+    np.testing.assert_allclose(full.regrets, none.regrets, rtol=1e-9)
+
+
 def test_trading_that_cannot_follow_is_refused() -> None:
     world = LinearGaussianWorld([[1.3]], [[1.0]], [[1.0]], [[1.0]], initial=([0.0], [[1.0]]))
     with pytest.raises(ModelError, match="trading follows at a rate"):

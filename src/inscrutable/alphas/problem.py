@@ -32,7 +32,8 @@ class AlphaProblem:
         risk_aversion: γ > 0, per unit of return.
         constraints: C; None: no constraints.
         loadings: B, shape (n,k), of assets to signals, return per unit of a signal; None is the identity, m expected returns.
-        trading_cost: κ ≥ 0: trading u − u₋ costs κ (u − u₋)'V (u − u₋). Only rules over time use it; None: no cost.
+        trading_cost: κ ≥ 0: trading u − u₋ costs κ (u − u₋)'V (u − u₋). Only rules over time use it, from the
+            decision of least risk on; None: no cost.
 
     Labelled tables are aligned with each other and with the arguments of methods: assets by their names, signals by the columns
     of `loadings`.

@@ -111,7 +111,8 @@ class AlphaSequence(KeptInFile):
     At every step `decide` draws a decision, any number of times; `publish` records the published one. `observe`, or the next
     `decide`, ends the step; `observe` takes the public observation of a world with a public sensor. The law of a decision given
     the mean is the same at every step. The observer's covariance starts at the silent one where that exists, else at the rule's
-    own, and converges to the latter.
+    own, and converges to the latter. With a trading cost the first trade starts from the decision of least risk, which is zero
+    without a budget.
 
     Example:
         >>> from inscrutable.alphas.decision_maker import AlphaDecisionMaker
@@ -194,7 +195,7 @@ class AlphaSequence(KeptInFile):
             action = self._problem.optimum(estimate)
             regret = float(self._problem.regret(held, action))
         else:
-            before = np.zeros(self._problem.n_assets) if self.latest is None else self.latest
+            before = self._problem.least_risk if self.latest is None else self.latest
             centre = self._maker.start_mean if self._is_fresh else np.zeros(self._problem.n_signals)
             action = before + policy.rate * (policy.aim(self._problem, estimate, centre) - before)
             regret = float((estimate - held) @ self._maker.theta @ (estimate - held))

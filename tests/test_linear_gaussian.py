@@ -327,6 +327,21 @@ def test_a_gap_that_nobody_else_knows_is_refused() -> None:
         kalman_filter(LOCAL_LEVEL, rows, gaps=[False, True, True])
 
 
+def test_gaps_are_aligned_with_observations_by_their_labels() -> None:
+    read = ["price", "volume"]
+    sensor, noise = pd.DataFrame([[1.0], [1.0]], read, ["level"]), pd.DataFrame(np.diag([0.5, 2.0]), read, read)
+    world = LinearGaussianWorld([[0.9]], [[0.19]], sensor, noise)
+    rows = pd.DataFrame([[1.0, 2.0], [np.nan, 1.0], [0.5, np.nan]], ["May", "June", "July"], read)
+    expected = kalman_filter(world, rows).means.to_numpy()
+    for given in (rows[read[::-1]], rows):
+        for gaps in (given.isna(), rows.isna(), rows[read[::-1]].isna().iloc[::-1], rows.isna().to_numpy()):
+            np.testing.assert_array_equal(kalman_filter(world, given, gaps=gaps).means.to_numpy(), expected)
+    with pytest.raises(InputError, match="gaps has other column labels"):
+        kalman_filter(world, rows, gaps=rows.isna().rename(columns={"price": "yield"}))
+    with pytest.raises(InputError, match="gaps has other row labels"):
+        kalman_filter(world, rows, gaps=rows.isna().rename(index={"May": "April"}))
+
+
 def test_a_sensor_without_noise_and_an_unstable_world() -> None:
     exact = steady_filter(LinearGaussianWorld([[0.9, 0.1], [0.0, 0.5]], np.eye(2), np.eye(2), np.zeros((2, 2))))
     np.testing.assert_allclose(exact.covariance, 0.0, atol=1e-12)

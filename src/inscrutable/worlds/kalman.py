@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import cho_factor, cho_solve, solve_discrete_are
 
 from inscrutable import tolerances, validation
-from inscrutable.axes import Axis, depth
+from inscrutable.axes import Axis, depth, ordered
 from inscrutable.errors import InputError, ModelError
 from inscrutable.validation import Array
 from inscrutable.worlds.linear_gaussian import LinearGaussianWorld, at
@@ -67,7 +67,8 @@ def kalman_filter(
         observations: (T,p), or (T,) where p is 1; NaN is missing. Labelled columns are aligned with the sensor's.
         public: (T,q), the reports of the world's public sensor; NaN is missing. None where it has none, or a `PublicPart`.
         gaps: Which observations are publicly known to be missing, (T,) rows or (T,p) entries, True where missing. Another
-            missing observation is refused, because P_t would then be private as well. None: it is public which are missing.
+            missing observation is refused, because P_t would then be private as well. Labels are aligned with the
+            observations'. None: it is public which are missing.
 
     Returns:
         A `KalmanResult`.
@@ -86,7 +87,7 @@ def kalman_filter(
     if not isinstance(world, LinearGaussianWorld):
         raise InputError(f"world must be a LinearGaussianWorld, got {world!r}")
     values = _rows(observations, world.sensor.shape[-2], world.observation_names, "observations")
-    _check_gaps(values, gaps, observations)
+    _check_gaps(values, gaps, observations, world.observation_names)
     if world.n_steps is not None and len(values) > world.n_steps:
         raise InputError(f"observations have {len(values)} rows, but the world's matrices say {world.n_steps} steps")
     read = np.column_stack([values, _public_rows(world, observations, len(values), public)])
@@ -288,19 +289,24 @@ def _public_rows(world: LinearGaussianWorld, observations: Any, n_rows: int, pub
         return np.zeros((n_rows, 0))
     if public is None:
         raise InputError("the world has a public sensor: pass its reports as `public`")
-    steps = Axis("row", learns=True)
-    if is_labelled(observations):
-        steps.order(tuple(observations.index), "observations")
-    rows = _rows(in_rows(public, steps, "public"), len(world.public[0]), world.public_names, "public")
+    rows = _rows(in_rows(public, _steps_of(observations), "public"), len(world.public[0]), world.public_names, "public")
     if len(rows) != n_rows:
         raise InputError(f"public has {len(rows)} rows, expected one per observation: {n_rows}")
     return rows
 
 
-def _check_gaps(values: Array, gaps: Any, observations: Any) -> None:
+def _steps_of(observations: Any) -> Axis:
+    steps = Axis("row", learns=True)
+    if is_labelled(observations):
+        steps.order(tuple(observations.index), "observations")
+    return steps
+
+
+def _check_gaps(values: Array, gaps: Any, observations: Any, names: Labels | None) -> None:
     if gaps is None:
         return
-    known = np.asarray(gaps)
+    axes = (_steps_of(observations), Axis("column", names))
+    known = np.asarray(ordered(gaps, "gaps", axes[: depth(gaps)]))
     if known.dtype != np.bool_ or known.shape not in (values.shape, values.shape[:1]):
         raise InputError(f"gaps must be True or False of shape {values.shape[:1]} or {values.shape}, got {known.shape}")
     missing, told = np.isnan(values), known.reshape(len(values), -1) & np.ones(values.shape, dtype=np.bool_)

@@ -957,6 +957,31 @@ def test_means_that_do_not_last_beside_a_public_part_are_decided_one_at_a_time(
     assert abs(regrets.mean() - least.regret) <= 6.0 * regrets.std() / 20.0
 
 
+@pytest.mark.parametrize("objective", ["information", "error"])
+def test_public_columns_that_depend_on_others_tell_nothing_more(
+    objective: Literal["information", "error"], fresh_rng: np.random.Generator
+) -> None:
+    """Silence was said to cost without end, as the noise of the columns is singular."""
+    spread, noise, moves = covariance(fresh_rng, 3, 5), covariance(fresh_rng, 3, 5), stable(fresh_rng, 3, 0.9)
+    row, means = fresh_rng.normal(size=3), fresh_rng.normal(size=(6, 3))
+    public = fresh_rng.normal(size=6)
+    found = []
+    for parts in ([1.0], [1.0, 2.0], [1e-6, 1.0, -3.0]):
+        part = PublicPart(np.outer(parts, row))
+        world = LinearGaussianWorld(moves, spread, np.eye(3), noise, public=part)
+        maker = AlphaDecisionMaker(AlphaProblem(np.eye(3), 2.5), 0.4, world=world, objective=objective)
+        path = maker.decide_path(means, public=np.outer(public, parts), rng=np.random.default_rng(0))
+        found.append((maker, path))
+    first, expected = found[0]
+    for maker, path in found[1:]:
+        assert maker.silence_regret == pytest.approx(first.silence_regret, rel=1e-8)
+        assert (maker.regret, maker.error) == pytest.approx((first.regret, first.error), rel=1e-6)
+        if objective == "information":
+            assert maker.bits == pytest.approx(first.bits, rel=1e-6)
+            np.testing.assert_allclose(path.bits, expected.bits, rtol=1e-6)
+            np.testing.assert_allclose(path.predictions, expected.predictions, rtol=1e-5, atol=1e-6)
+
+
 def test_without_a_budget_the_largest_error_is_what_optimal_decisions_leave() -> None:
     """One asset shows d'm alone: the error of m is tr(S − S d d'S / d'S d)."""
     prior, loads = np.diag([2.0, 1.0]), np.array([1.0, 2.0])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
 from inscrutable import tolerances
+from inscrutable.alphas.error_law import root_of, sizes_of
 from inscrutable.validation import Array
 
 
@@ -48,9 +49,8 @@ class Moves:
         if not len(self.public_sensor):
             return np.zeros(self.cross.shape)
         read = self.public_covariance + self.public_sensor @ error @ self.public_sensor.T
-        return np.asarray(
-            np.linalg.lstsq(read, (self.cross + self.transition @ error @ self.public_sensor.T).T, rcond=None)[0].T
-        )
+        dual = root_of(read, sizes_of(read))[1]  # columns may depend on each other
+        return np.asarray((self.cross + self.transition @ error @ self.public_sensor.T) @ dual.T @ dual)
 
     def predicted(self, error: Array) -> tuple[Array, Array]:
         """Return P = AEA' + W after public observations, and the matrix A_L with dP = A_L dE A_L', both (n,n)."""
@@ -80,15 +80,25 @@ class Moves:
         return np.asarray(found)
 
     def scaled(self) -> Moves:
-        """Return the dynamics in coordinates whose sizes are one."""
+        """Return the dynamics in coordinates whose sizes are one, with public columns that are independent."""
         if self.units is None:
             return self
-        return Moves(
+        found = Moves(
             self.transition * self.units / self.units[:, None],
             self.innovation / np.outer(self.units, self.units),
             self.public_sensor * self.units,
             self.cross / self.units[:, None],
             self.public_covariance,
+        )
+        read = found.public_covariance + found.public_sensor @ found.public_sensor.T
+        dual = root_of(read, sizes_of(read))[1] if len(read) else read
+        if len(dual) == len(read):
+            return found
+        return replace(
+            found,
+            public_sensor=dual @ found.public_sensor,
+            cross=found.cross @ dual.T,
+            public_covariance=dual @ found.public_covariance @ dual.T,
         )
 
     def within(self, basis: Array) -> Moves:

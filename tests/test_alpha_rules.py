@@ -796,6 +796,23 @@ def test_under_limits_the_budget_is_spent() -> None:
         AlphaDecisionMaker(problem_of(np.eye(2)), 0.5, prior_covariance=np.eye(2)).under_limits(rng=rng)
 
 
+def test_under_limits_the_long_run_does_not_depend_on_the_start(fresh_rng: np.random.Generator) -> None:
+    """Means were drawn about the initial one, from which a world departs."""
+    problem = AlphaProblem([[0.04]], 2.5, box([0.0], [1.0]))
+    made = []
+    for start, prior_mean in ((None, None), (([0.03], [[1e-4]]), None), (None, [0.03])):
+        world = LinearGaussianWorld([[0.9]], [[1.9e-5]], [[1.0]], [[1e-5]], initial=start)
+        made.append(AlphaDecisionMaker(problem, 0.5, world=world, prior_mean=prior_mean))
+    grown = [each.under_limits(draws=4000, rng=np.random.default_rng(0)) for each in made]
+    assert grown[0].simulated_regret == grown[1].simulated_regret == grown[2].simulated_regret
+    means = np.zeros((6000, 1))
+    shocks = np.sqrt(made[1].moves.innovation[0, 0]) * fresh_rng.standard_normal(6000)
+    for t in range(1, 6000):
+        means[t] = 0.9 * means[t - 1] + shocks[t]
+    regrets = grown[1].decide_path(means, rng=fresh_rng).regrets[100:]
+    assert within(regrets, grown[1].simulated_regret.mean)
+
+
 def test_under_limits_the_regret_is_simulated_without_a_budget_and_where_silence_is_free() -> None:
     for mean in (0.0, 5.0):
         for budget in (Budget.regret(0.0), Budget.relative(0.0), Budget.relative(0.5)):

@@ -255,9 +255,10 @@ class AlphaDecisionMaker:
     def under_limits(self, *, draws: int = 1000, rng: np.random.Generator) -> AlphaDecisionMaker:
         """Return the rule that spends the budget under inequalities, where it costs less than tr(ΘE), by simulation.
 
-        Formula: means are drawn from the observer's law without decisions, estimates from the rule's; E grows until the mean
-        regret equals the budget. A share refers to the cost of the constant decision under the inequalities. `simulated_regret`
-        of the returned rule has the mean and its standard error; `regret` is tr(ΘE), an upper bound.
+        Formula: means are drawn from the observer's law without decisions, with a world that of the long run, whose mean is
+        zero; estimates from the rule's. E grows until the mean regret equals the budget. A share refers to the cost of the
+        constant decision under the inequalities. `simulated_regret` of the returned rule has the mean and its standard error;
+        `regret` is tr(ΘE), an upper bound.
 
         Args:
             draws: Number of means drawn, at least 2; every E uses the same draws.
@@ -284,15 +285,16 @@ class AlphaDecisionMaker:
         if prior is None:
             raise InputError("silence costs without end, so that there is no law to draw means from")
         means, noise = drawn_means(prior, many, source), source.integers(2**63)
-        regrets = regrets_of(self.problem, self.start_mean + means)
-        silent = mean_of(regrets(np.broadcast_to(self.start_mean, means.shape)))
+        centre = self.start_mean if self.world is None else np.zeros_like(self.start_mean)
+        regrets = regrets_of(self.problem, centre + means)
+        silent = mean_of(regrets(np.broadcast_to(centre, means.shape)))
         target = self.budget.amount * (silent.mean if self.budget.is_relative else 1.0)
 
         def cost(limit: float) -> SimulatedRegret:
             law = self._spending(limit).plan.law
             if self.silence is not None and self.world is not None:
                 law = law_between(root_of(self.silence, self.moves.units), law.covariance)
-            return mean_of(regrets(self.start_mean + law.message(means, np.random.default_rng(noise))))
+            return mean_of(regrets(centre + law.message(means, np.random.default_rng(noise))))
 
         limit, found = self.silence_regret, silent
         if target < silent.mean:

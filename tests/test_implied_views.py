@@ -354,6 +354,20 @@ def test_directions_of_many_assets_are_those_of_few(monkeypatch: pytest.MonkeyPa
     assert many.privacy == pytest.approx(few.privacy, rel=1e-6)
 
 
+def test_rows_that_repeat_others_take_nothing_from_the_privacy_of_many_assets(fresh_rng: np.random.Generator) -> None:
+    """A repeated row took an arbitrary direction away, and less privacy was stated as proved."""
+    n = 420
+    exposures = fresh_rng.normal(size=(n, 3))
+    risk, mean, ones = FactorRisk(exposures, 0.01 * np.eye(3), np.full(n, 0.02)), fresh_rng.normal(size=n), np.ones(n)
+    for rows in ([ones], [ones, ones], [ones, 2.0 * ones], [ones, exposures[:, 0], ones + exposures[:, 0]]):
+        problem = AlphaProblem(risk, 2.0, Polyhedron(A_eq=np.array(rows), b_eq=np.zeros(len(rows))))
+        basis = np.linalg.svd(np.array(rows))[2][np.linalg.matrix_rank(np.array(rows)) :]
+        top = np.linalg.eigvalsh(basis @ risk.dense() @ basis.T)[-1]
+        found = obfuscated_decision(problem, 0.01 * mean, Budget.regret(1e-3))
+        assert found.privacy == pytest.approx(np.sqrt(4.0 * 2.0 * 1e-3 * top), rel=1e-9)
+        assert found.regret == pytest.approx(1e-3, rel=1e-9)
+
+
 def test_the_search_under_constraints_is_affordable_and_beats_chance(fresh_rng: np.random.Generator) -> None:
     rng = fresh_rng
     problem = AlphaProblem(risk_of(rng, 4), GAMMA, simplex(4) & box(np.zeros(4), np.full(4, 0.6)))

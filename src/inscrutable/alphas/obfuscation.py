@@ -107,7 +107,8 @@ def obfuscated_decision(
 def _cheapest_directions(problem: AlphaProblem, most: int) -> Array:
     """Return the eigenvectors (q,k) of Θ with the least positive eigenvalues, in ascending order."""
     if problem.loadings is None and problem.n_assets > max(_LARGE, 2 * most):
-        rows = np.linalg.qr(problem.equalities[0].T)[0]
+        axes, sizes, _ = np.linalg.svd(problem.equalities[0].T, full_matrices=False)
+        rows = axes[:, sizes > tolerances.CURVATURE * sizes.max(initial=0.0)]  # equalities may depend on each other
 
         def inside(values: Array) -> Array:
             return np.asarray(values - rows @ (rows.T @ values))

@@ -54,6 +54,25 @@ def test_programmes_that_the_simplex_method_gives_up_on_are_solved_otherwise(
     assert low - 1e-9 <= truth <= high + 1e-9
 
 
+@pytest.mark.parametrize("truth", [0.0, 1e-3, 0.3])
+def test_a_parameter_near_zero_is_identified_as_any_other(truth: float) -> None:
+    """A tilt of returns; the width of its interval was compared with its value alone, which may be zero."""
+    means, covariances = (
+        np.array([[0.3, 0.1, 0.0], [0.0, 0.1, 0.25]]),
+        [np.diag([1.0, 2.0, 3.0]), np.diag([3.0, 1.0, 1.0])],
+    )
+    tilt = np.array([0.1, -0.1, 0.05])
+
+    def family(parameter: float) -> MarkowitzProblem:
+        return MarkowitzProblem(means + parameter * tilt, covariances, 0.7)
+
+    actions = family(truth).solve([[0.6, 0.4], [0.3, 0.7]])
+    learned = [CostLearningAdversary(family, bounds).learn(actions) for bounds in ((-1.0, 1.0), (-2.0, 2.0))]
+    for each in learned:
+        assert each.status is CostStatus.IDENTIFIED
+        assert each.parameter == pytest.approx(truth, abs=1e-7)
+
+
 def test_one_decision_can_be_enough() -> None:
     rng = np.random.default_rng(3)
     means, covariances = market(rng, 2, 6)

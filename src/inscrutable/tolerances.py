@@ -155,7 +155,7 @@ PARAMETER = 1e-9
 more."""
 
 IDENTIFIED = 1e-6
-"""Relative width of a cost parameter's interval below which it is one value."""
+"""Width of a cost parameter's interval below which it is one value, as a share of that value or of the width of its bounds."""
 
 GAP_STEP = 1e-9
 """Relative accuracy of the plausibility gap: upper minus lower bound of its cutting planes; ten times what the linear

@@ -106,9 +106,10 @@ class CostLearningAdversary:
         if not len(intervals):
             return CostStatus.UNEXPLAINED
         low, high = intervals[0, 0], intervals[-1, 1]
-        if len(intervals) == 1 and high - low <= tolerances.IDENTIFIED * max(abs(low), abs(high)):
+        least, most = self._family.bounds
+        if len(intervals) == 1 and high - low <= tolerances.IDENTIFIED * max(abs(low), abs(high), most - least):
             return CostStatus.IDENTIFIED
-        if low <= self._family.bounds[0] or high >= self._family.bounds[1]:
+        if low <= least or high >= most:
             return CostStatus.AT_BOUND
         return CostStatus.INTERVAL if len(intervals) == 1 else CostStatus.SEVERAL
 

@@ -105,6 +105,9 @@ def test_bad_problems_are_refused() -> None:
         FactorRisk.from_returns(np.eye(3), 3)
     with pytest.raises(InputError, match="mean has 3 entries, expected one per signal: 2"):
         AlphaProblem(np.eye(2), 1.0).optimum([1.0, 2.0, 3.0])
+    for means, weights in ((np.zeros((3, 2)), np.zeros((2, 2))), (np.zeros((0, 2)), np.zeros((2, 2)))):
+        with pytest.raises(InputError, match=rf"mean has {len(means)} rows and weights 2; expected as many"):
+            AlphaProblem(np.eye(2), 1.0).regret(means, weights)
     with pytest.raises(InputError, match="other asset labels"):
         AlphaProblem(pd.DataFrame(np.eye(2), ["A", "B"], ["A", "B"]), 1.0, max_weights(["A", "C"], 0.5))
 

@@ -119,6 +119,29 @@ def test_bad_decisions_are_refused() -> None:
         learning_curve(*drawn(np.random.default_rng(1)), (), rng=np.random.default_rng(2))
 
 
+@pytest.mark.parametrize("missing", [np.nan, None, pd.NA])
+def test_choices_that_are_missing_are_refused(missing: object) -> None:
+    """A missing choice was read as one that no pair has."""
+    beliefs, choices = np.full((20, 2), 0.5), np.array([1.0, 2.0] * 10, dtype=object)
+    seen = DataAdversary(beliefs, choices)
+    choices[3] = missing
+    with pytest.raises(InputError, match=r"actions has .* at index \[3\]; every choice must be known"):
+        DataAdversary(beliefs, choices)
+    for wrong in ([1.0, missing], np.array([1.0, missing], dtype=object)):
+        with pytest.raises(InputError, match="every choice must be known"):
+            seen.estimates(wrong)
+
+
+def test_choices_may_be_numbers_and_texts() -> None:
+    first = np.random.default_rng(0).random(200)
+    beliefs, many = np.column_stack([first, 1.0 - first]), np.where(first > 0.6, 1, 0)
+    mixed = np.array(["high" if each else 7 for each in many], dtype=object)
+    plain, other = DataAdversary(beliefs, many), DataAdversary(beliefs, mixed)
+    np.testing.assert_allclose(other.estimate("high"), plain.estimate(1))
+    np.testing.assert_allclose(other.estimates(np.array([7, "high"], dtype=object)), plain.estimates([0, 1]))
+    np.testing.assert_allclose(other.estimate("none"), plain.estimate(5))
+
+
 def test_labels_are_put_in_order_or_refused() -> None:
     rng = np.random.default_rng(3)
     weights = pd.DataFrame(rng.normal(size=(60, 2)), columns=["Oil", "Gas"])

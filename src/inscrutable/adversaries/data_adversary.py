@@ -31,7 +31,8 @@ class DataAdversary:
 
     Args:
         beliefs: The beliefs of past decisions, shape (n,X), n at least 10; in order of time where they have one.
-        actions: The decisions, shape (n,U); (n,) where they are finite choices.
+        actions: The decisions, shape (n,U); (n,) where they are finite choices, numbers or texts. A choice that is in no pair
+            counts as none of those seen.
 
     Raises:
         InputError: An argument is malformed, or scikit-learn, the extra `inscrutable[audit]`, is missing.
@@ -65,7 +66,7 @@ class DataAdversary:
             )
         if len(given) < LEAST_PAIRS:
             raise InputError(f"an observer of data needs at least {LEAST_PAIRS} pairs, got {len(given)}")
-        self._choices = np.unique(given) if given.ndim == 1 else None
+        self._choices = _distinct(given) if given.ndim == 1 else None
         self._width = None if given.ndim == 1 else given.shape[1]
         self._points = self._read(given)
         self.learner = self._best()
@@ -100,6 +101,7 @@ class DataAdversary:
     def _read(self, actions: np.ndarray) -> Array:
         """Return decisions as points; a finite choice becomes its indicator vector."""
         if self._choices is not None:
+            _check_known(actions)
             return np.asarray(actions[:, None] == self._choices[None], dtype=np.float64)
         return validation.finite_array(actions, "actions", ndim=2)
 
@@ -120,10 +122,36 @@ class DataAdversary:
 
 
 MEAN = "mean"
+_UNKNOWN = ("nan", "<NA>", "NaT")
+"""What numpy and pandas write for a missing value."""
 
 
 def _row_labels(table: Any) -> tuple[Any, ...] | None:
     return tuple(table.index) if hasattr(table, "to_numpy") and hasattr(table, "index") else None
+
+
+def _distinct(choices: np.ndarray) -> np.ndarray:
+    """Return the choices that differ, sorted where they have an order."""
+    _check_known(choices)
+    try:
+        return np.unique(choices)
+    except TypeError:  # numbers and texts
+        found = np.empty(len(kinds := dict.fromkeys(choices.tolist())), dtype=object)
+        found[:] = list(kinds)
+        return found
+
+
+def _check_known(choices: np.ndarray) -> None:
+    missing = np.isnan(choices) if choices.dtype.kind in "fc" else np.zeros(len(choices), dtype=np.bool_)
+    if choices.dtype.kind == "O":
+        missing = np.array([_is_missing(each) for each in choices], dtype=np.bool_)
+    if missing.any():
+        i = int(missing.argmax())
+        raise InputError(f"actions has {choices[i]} at index [{i}]; every choice must be known")
+
+
+def _is_missing(choice: Any) -> bool:
+    return choice is None or (not isinstance(choice, str) and str(choice) in _UNKNOWN)
 
 
 def _mean(known: Array, read: Array) -> Any:

@@ -150,6 +150,11 @@ class AlphaProblem:
         Formula: γ d'V d + (2γ V u* − B m)'d with d = u − u*: this avoids the difference of two nearly equal costs.
         """
         held, given = self.check_mean(mean), self.check_weights(weights)
+        rows = {len(each) for each in (held, given) if each.ndim == 2} - {1}
+        if len(rows) > 1:
+            raise InputError(
+                f"mean has {len(held)} rows and weights {len(given)}; expected as many, or a single row of one"
+            )
         best = self.optimum(held)
         apart = np.asarray(given - best)
         lost = self.risk_aversion * self.risk.quadratic(apart.T)

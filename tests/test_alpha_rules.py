@@ -11,6 +11,7 @@ from typing import Literal
 
 import cvxpy as cp
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
@@ -478,6 +479,40 @@ def test_public_observations_against_a_cone_programme() -> None:
     most = solved(cp.Maximize(cp.trace(error)), [rows[1], rows[2]])
     assert kept.error == pytest.approx(most, rel=1e-5)
     assert kept.gap <= 1e-5
+
+
+def test_public_tables_are_read_by_their_labels() -> None:
+    states, read, rows = ["a", "b"], ["rate", "spread"], ["May", "June", "July"]
+
+    def table(values: object, index: list[str], columns: list[str]) -> pd.DataFrame:
+        return pd.DataFrame(values, index, columns)
+
+    world = LinearGaussianWorld(
+        table(np.diag([0.9, 0.8]), states, states),
+        table(np.diag([1.0, 2.0]), states, states),
+        np.eye(2),
+        np.eye(2),
+        public=(table([[1.0, 0.5], [0.0, 1.0]], read, states), table(np.diag([1.0, 2.0]), read, read)),
+    )
+    problem = AlphaProblem(table(np.diag([0.04, 0.01]), states, states), 2.5)
+    maker = AlphaDecisionMaker(problem, 0.5, world=world)
+    means = table([[1.0, 2.0], [0.5, 1.0], [0.0, -1.0]], rows, states)
+    public = table([[0.0, 0.0], [1.0, -1.0], [2.0, 3.0]], rows, read)
+    expected = maker.decide_path(means.to_numpy(), public=public.to_numpy(), rng=np.random.default_rng(0)).actions
+    for given in (public, public[read[::-1]], public.iloc[::-1]):
+        found = maker.decide_path(means, public=given, rng=np.random.default_rng(0)).actions
+        np.testing.assert_array_equal(found, expected)
+    told = []
+    for one in (public.loc["June"].to_numpy(), public.loc["June"], public.loc["June"].iloc[::-1]):
+        sequence = maker.begin()
+        sequence.observe(one)
+        told.append(sequence.mean)
+    np.testing.assert_array_equal(told, np.tile(told[0], (3, 1)))
+    assert np.abs(told[0]).min() > 0.0
+    with pytest.raises(InputError, match="public has other public column labels"):
+        maker.begin().observe(public.loc["June"].rename({"rate": "yield"}))
+    with pytest.raises(InputError, match="public has other row labels"):
+        maker.decide_path(means, public=public.rename({"May": "April"}), rng=np.random.default_rng(0))
 
 
 def test_weights_of_the_costs_themselves_leave_the_choice_to_the_bits() -> None:

@@ -171,6 +171,10 @@ def test_malformed_input_is_named() -> None:
         (lambda: inverse_kalman_filter(WORLD, SEEN[:, :, None], VIEW), "seen has shape"),
         (lambda: inverse_kalman_filter(WORLD, SEEN, LinearView([[1.0]])), "columns"),
         (lambda: inverse_kalman_filter(WORLD, SEEN, VIEW, states=np.zeros((3, 2))), "2 finite rows"),
+        (
+            lambda: inverse_kalman_filter(WORLD, SEEN, VIEW, states=[[0.0, 1.0], [2.0, np.nan]]),
+            r"states has nan at index \[1, 1\]; every entry must be finite",
+        ),
         (lambda: LinearView([[1.0]], [[1.0, 0.0]]), "noise has shape"),
     ]:
         with pytest.raises(InputError, match=said):

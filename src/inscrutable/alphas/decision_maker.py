@@ -326,7 +326,7 @@ class AlphaDecisionMaker:
         Args:
             means: m_t, shape (T,k).
             public: (T,q), the public observation of each row where the world has a public sensor. The first row is not used:
-                the initial law contains it.
+                the initial law contains it. Labelled rows are aligned with those of `means`, columns with the world's.
             rng: The source of the draws.
 
         Raises:

@@ -15,6 +15,7 @@ from inscrutable.alphas.plans import AlphaStatus, Plan
 from inscrutable.alphas.problem import AlphaProblem
 from inscrutable.alphas.sequence_state import AlphaState, arrays_of
 from inscrutable.alphas.trading import TradingPolicy
+from inscrutable.axes import Axis
 from inscrutable.decision_makers.sequential.lock import KeptInFile
 from inscrutable.errors import InputError
 from inscrutable.files import PathLike
@@ -174,6 +175,11 @@ class AlphaSequence(KeptInFile):
         return np.zeros((0, 0)) if self._is_fresh else self._maker.moves.public_sensor
 
     @property
+    def _columns(self) -> Axis:
+        """The public columns by the world's labels."""
+        return Axis("public column", None if self._maker.world is None else self._maker.world.public_names)
+
+    @property
     def _is_settled(self) -> bool:
         return self._law is self._plan.law
 
@@ -220,6 +226,8 @@ class AlphaSequence(KeptInFile):
     def observe(self, public: ArrayLike | None = None) -> None:
         """End the step with the public observation `public`, (q,): None where the world has no public sensor.
 
+        Labels are aligned with the world's.
+
         Without a decision before it, the step ends without one.
 
         Raises:
@@ -229,7 +237,9 @@ class AlphaSequence(KeptInFile):
         if (public is None) != (count == 0):
             wants = "None: nothing is public" if count == 0 else f"the public observation, shape ({count},)"
             raise InputError(f"public must be {wants}, got {public!r}")
-        read = np.zeros(0) if public is None else validation.finite_array(public, "public", ndim=1)
+        read = (
+            np.zeros(0) if public is None else validation.finite_array(public, "public", ndim=1, axes=(self._columns,))
+        )
         if len(read) != count:
             raise InputError(f"public has {len(read)} entries, expected {count}")
         self._pass(read)
@@ -266,10 +276,14 @@ class AlphaSequence(KeptInFile):
                 raise InputError("the public observation comes before the next decision: call observe(public) first")
             self._pass(np.zeros(0))
 
-    def follow(self, means: ArrayLike, public: ArrayLike | None, rng: np.random.Generator) -> AlphaPath:
+    def follow(self, means: Any, public: ArrayLike | None, rng: np.random.Generator) -> AlphaPath:
         """Decide and publish along a path; see `AlphaDecisionMaker.decide_path`."""
         held = np.atleast_2d(self._problem.check_mean(means, "means"))
-        read = None if public is None else validation.finite_array(public, "public", ndim=2)
+        steps = Axis("row", learns=True)
+        if hasattr(means, "columns"):  # a table, whose rows are steps
+            steps.order(tuple(means.index), "means")
+        axes = (steps, self._columns)
+        read = None if public is None else validation.finite_array(public, "public", ndim=2, axes=axes)
         if read is not None and len(read) != len(held):
             raise InputError(f"public has {len(read)} rows, expected one per mean: {len(held)}")
         drawn, before, bits = [], [], []

@@ -111,8 +111,11 @@ def inverse_kalman_filter(
     if states is None:
         return _seen(_joint_world(world, gains, seeing), rows, "" if gains.any() else _BLIND)
     path = _rows(states, n, "states", (steps, columns))
-    if len(path) != len(rows) or not np.isfinite(path).all():
+    if len(path) != len(rows):
         raise InputError(f"states must be {len(rows)} finite rows, one per row seen, got {len(path)}")
+    if not np.isfinite(path).all():
+        t, column = (int(k) for k in np.argwhere(~np.isfinite(path))[0])
+        raise InputError(f"states has {path[t, column]} at index [{t}, {column}]; every entry must be finite")
     drift = _drift(world, gains, path)
     certain = "" if _blurs(world, gains).any() else _NOISELESS if gains.any() else _BLIND
     found = _seen(_estimate_world(world, gains, seeing), rows - drift @ seeing.matrix.T, certain)

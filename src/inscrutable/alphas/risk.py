@@ -43,11 +43,6 @@ class Risk(ABC):
     def quadratic(self, values: Array) -> Array:
         """Return x'V x for x (n,), or for each column of (n,m)."""
 
-    @property
-    @abstractmethod
-    def log_determinant(self) -> float:
-        """log det V; −∞ where V is singular."""
-
     @abstractmethod
     def part(self, assets: np.ndarray) -> Risk:
         """Return the covariance of some of the assets, given by their numbers."""
@@ -133,12 +128,6 @@ class DenseRisk(Risk):
         """Return x'V x."""
         return np.asarray((values * (self._matrix @ values)).sum(axis=0))
 
-    @property
-    def log_determinant(self) -> float:
-        """log det V."""
-        sign, size = np.linalg.slogdet(self._matrix)
-        return float(size) if sign > 0 else -np.inf
-
     def part(self, assets: np.ndarray) -> Risk:
         """Return the covariance of some of the assets."""
         return DenseRisk(self._matrix[np.ix_(assets, assets)])
@@ -186,7 +175,6 @@ class FactorRisk(Risk):
     factor_covariance: Array
     specific: Array
     names: Names | None
-    factor_names: Names | None
 
     def __init__(self, exposures: ArrayLike, factor_covariance: ArrayLike, specific: ArrayLike) -> None:
         assets, factors = Axis("asset", learns=True), Axis("factor", learns=True)
@@ -212,7 +200,6 @@ class FactorRisk(Risk):
         object.__setattr__(self, "factor_covariance", 0.5 * (between + between.T))
         object.__setattr__(self, "specific", own)
         object.__setattr__(self, "names", assets.names)
-        object.__setattr__(self, "factor_names", factors.names)
         validation.read_only(self, "exposures", "factor_covariance", "specific")
 
     @classmethod
@@ -287,13 +274,6 @@ class FactorRisk(Risk):
         common = self.root.T @ values
         return np.asarray((common**2).sum(axis=0) + self.specific @ values**2)
 
-    @property
-    def log_determinant(self) -> float:
-        """log det V."""
-        factor = self._inner[1]
-        common = 0.0 if factor is None else 2.0 * float(np.log(np.diag(factor[0])).sum())
-        return common + float(np.log(self.specific).sum())
-
     def part(self, assets: np.ndarray) -> Risk:
         """Return the covariance of some of the assets."""
         return _of(self.root[assets], self.specific[assets])
@@ -314,7 +294,7 @@ def _of(root: Array, specific: Array) -> FactorRisk:
     """Return the covariance L L' + D, from valid arrays."""
     found = object.__new__(FactorRisk)
     kept = {"exposures": root, "factor_covariance": np.eye(root.shape[1]), "specific": specific, "root": root}
-    vars(found).update(kept, names=None, factor_names=None)
+    vars(found).update(kept, names=None)
     return found
 
 

@@ -65,6 +65,48 @@ def test_steps_are_best_within_reach_and_the_observer_follows_them(information, 
             np.testing.assert_allclose(sequence.observer.weights, paths / paths.sum(), rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("share", [0.2, 0.03])
+def test_before_a_rival_with_a_portfolio_steps_are_best_within_reach(share, fresh_rng):
+    """No decision farther than the limit is played, and the step is worth what it is where no others are candidates."""
+    first, other = ruled(fresh_rng), ruled(fresh_rng).problem
+    problem, chain, prior = first.problem, first.chain, first.chain.prior
+    unit, silence = (
+        float(each.optimal_cost(prior.mean) - prior.weights @ each.optimal_cost(prior.beliefs))
+        for each in (other, problem)
+    )
+
+    def maker(points, turnover=None):
+        prices = ins.PriceCalibration.at(unit / silence, share * unit)
+        return ins.SequentialDecisionMaker(
+            problem,
+            ins.Budget.regret(100.0),  # met by any decision, so that none are added to the candidates
+            chain=chain,
+            candidates=points,
+            loss=ins.RivalProblem(other),
+            calibration=prices,
+            turnover=turnover,
+            rng=fresh_rng,
+        )
+
+    def value(law, found):
+        rows = found.probabilities.toarray()
+        joint, played = law[:, None] * rows, law @ rows
+        means = (joint.T @ prior.beliefs)[played > 0] / played[played > 0, None]
+        nats = (joint * np.log(np.divide(rows, played, out=np.ones_like(rows), where=joint > 0))).sum()
+        lost = played[played > 0] @ other.optimal_cost(means)
+        return float(lost - unit / silence * (joint * found.regrets).sum() - share * unit * nats)
+
+    limited = maker(ins.decoy_grid(problem, 6), MOST)
+    points = limited.table.columns.points
+    for one in fresh_rng.choice(len(points), 3, replace=False):
+        near = np.abs(points - points[one]).sum(axis=1) <= MOST + 1e-9
+        law = fresh_rng.dirichlet(np.ones(7))
+        found = limited.mechanism_for(ins.Prior(prior.beliefs, law), points[one])
+        assert not found.probabilities.toarray()[:, ~near].any()
+        best = maker(points[near]).mechanism_for(ins.Prior(prior.beliefs, law))
+        assert value(law, found) == pytest.approx(value(law, best), abs=2e-5 * unit)
+
+
 def test_the_budget_is_kept_along_paths(fresh_rng):
     maker = ruled(np.random.default_rng(3), calibration=None, turnover=MOST, information_price=float("inf"))
     beliefs = maker.beliefs

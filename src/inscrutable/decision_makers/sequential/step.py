@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -270,11 +270,17 @@ class StepRule:
     def _smoothly(self, law: Array, kept: int, near: Step | None) -> tuple[Stakes, _Found, Array, float]:
         """The same by Newton's steps in the beliefs that the rival acts on, for one whose best answer moves with its belief.
 
-        It starts from the step of a similar law, or of the prior.
+        It starts from the step of a similar law, or of the prior; where turnover forbids some decisions, from a constant one.
         """
-        rule = self._smooth_rival
-        start = self._at_prior if near is None else rule.similar(law, near.numbers, near.rows)
-        found = rule.solved(law, self._constant(law, kept), start, self._first_price)
+        rule, some = self._smooth_rival, self.table.within_reach(kept)
+        constant = self._constant(law, kept)
+        if len(some) < self.table.n_values:
+            rule = replace(rule, offers=rule.offers[some])
+            found = rule.solved(law, np.searchsorted(some, constant), None, self._first_price)
+            found = found._replace(numbers=some[found.numbers])
+        else:
+            start = self._at_prior if near is None else rule.similar(law, near.numbers, near.rows)
+            found = rule.solved(law, constant, start, self._first_price)
         stakes, estimates = self.table.stakes.answering(found.beliefs)
         rows = self._rows(stakes, *self._at(found.numbers), (found.law, estimates))
         solved = found.numbers, found.law, estimates, found.excess
@@ -294,9 +300,12 @@ class StepRule:
         return self._smooth_rival.solved(law, self._constant(law, -1), None, self._first_price)
 
     def _constant(self, law: Array, kept: int) -> np.ndarray:
-        """The decision of least mean regret, `kept` if that costs the same; more where caps forbid it to some beliefs."""
-        regrets, found = self.table.regrets, list[int]()
-        allowed = np.ones(regrets.shape, dtype=bool) if self.table.allowed is None else self.table.allowed
+        """The decision of least mean regret that turnover allows, `kept` if that costs the same; more where caps forbid it to
+        some beliefs."""
+        regrets, found, allowed = self.table.regrets, list[int](), self.table.allowed
+        if allowed is None:
+            allowed = np.zeros(regrets.shape, dtype=bool)
+            allowed[:, self.table.within_reach(kept)] = True
         left = np.asarray(law) > 0
         while left.any():
             reach = law[left] @ allowed[left]

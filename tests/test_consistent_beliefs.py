@@ -390,3 +390,30 @@ def test_a_looser_tolerance_explains_more():
     loose = consistent_beliefs(four, nearly, tolerance=1e-4)
     assert not loose.is_empty
     assert loose.distance([0.3, 0.7]) < 1e-3
+
+
+@pytest.mark.parametrize("digits", [1, 2, 3])
+def test_rounded_portfolios_under_a_cap_are_read(digits, fresh_rng):
+    """Rounded decisions that keep the cap, and need not reach it, are explained by the belief that made them."""
+    for size in (2, 4, 7):
+        cap = 1.0 + fresh_rng.uniform(-0.1, 0.1, size)
+        within = Polyhedron(A_ub=[cap], b_ub=[np.median(cap)])
+        for region in (simplex(size) & within, box(np.zeros(size), np.ones(size)) & within):
+            problem = MarkowitzProblem(fresh_rng.normal(0, 0.3, (2, size)), [np.eye(size)] * 2, 1.0, region)
+            for belief in fresh_rng.dirichlet(np.ones(2), 4):
+                published = problem.solve(belief).round(digits)
+                assert consistent_beliefs(problem, published, digits=digits).contains(belief)
+
+
+def test_a_rounded_row_inside_a_cap_is_read():
+    """Rounding moves the sum of betas by at most .0015 where weights sum to one, and 1.02 − 1.01 is more."""
+    beta = np.array([0.9, 0.95, 1.05, 1.1])
+    published = np.array([0.19, 0.27, 0.23, 0.31])
+    region = simplex(4) & Polyhedron(A_ub=[beta], b_ub=[1.02])
+    means = 2.0 * np.array([[0.191, 0.268, 0.232, 0.309], [0.5, 0.3, 0.1, 0.1]])
+    problem = MarkowitzProblem(means, [np.eye(4)] * 2, 1.0, region)
+    found = consistent_beliefs(problem, published, digits=2)
+    np.testing.assert_allclose(problem.solve([1.0, 0.0]).round(2), published, atol=1e-12)
+    assert found.contains([1.0, 0.0])
+    # With the identity as covariance the regret of a change δ is |δ|², which is at most 4 h².
+    assert found.regret <= 4 * 0.005**2 * (1 + 1e-9)

@@ -1,9 +1,9 @@
 """The beliefs that explain a decision, in full precision or rounded.
 
 A published decision ũ is the decision u* moved by rounding, |ũ_j − u*_j| ≤ h = ½·10^−d for d decimals. It is first projected to
-the nearest feasible decision û, with the constraints that rounding can reach (a weight printed as zero) taken as active. With δ
-= û − u* this gives the known bounds |δ_j| ≤ h_j = h + |û_j − ũ_j| and A_eq δ = 0. Costs are convex, so for every belief π of
-the agent
+the nearest feasible decision û, with the constraints that rounding can reach (a weight printed as zero) taken as active, unless
+that leads farther away than U h. With δ = û − u* this gives the known bounds |δ_j| ≤ h_j = h + |û_j − ũ_j| and A_eq δ = 0.
+Costs are convex, so for every belief π of the agent
 
     ρ(π,û) ≤ ε = max_i Σ_j |P ∇c(i,û)|_j h_j,  P the projector on A_eq δ = 0.
 
@@ -17,6 +17,7 @@ because H_π is an average of the H_i. The true belief therefore always lies in 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import NamedTuple, overload
 
 import numpy as np
@@ -118,23 +119,39 @@ class Completed(NamedTuple):
 
 
 def completed(problem: DecisionProblem, published: Array, half_unit: float) -> Completed:
-    """Return the nearest feasible decision; constraints that rounding can reach are active where that is possible."""
+    """Return the nearest feasible decision, on all constraints that rounding can reach where it is within U half units of them.
+
+    A decision that is feasible as printed may be far from a point where all of them are active.
+    """
     region = problem.constraints
     if half_unit == 0.0 and region.violation(published) <= 0.5 * tolerances.FEASIBILITY:
         return Completed(published, 0.0, True)
-    try:
+    with suppress(ModelError):  # limits without rows in the decision, or an empty face
         rows = region.in_decision
-        reach = half_unit * np.abs(rows.A_ub).sum(axis=1) / rows.row_scale + tolerances.FEASIBILITY
-        near = rows.slacks(published) <= reach
+        near = rows.slacks(published) <= _reach(rows, published, half_unit) / rows.row_scale + tolerances.FEASIBILITY
         face = Polyhedron(
             rows.A_ub[~near],
             rows.b_ub[~near],
             np.vstack([rows.A_eq, rows.A_ub[near]]),
             np.concatenate([rows.b_eq, rows.b_ub[near]]),
         )
-        return _changed(_nearest(face, published), published, on_face=True)
-    except ModelError:  # limits without rows in the decision, or an empty face
-        return _changed(_nearest(region, published), published, on_face=False)
+        found = _changed(_nearest(face, published), published, on_face=True)
+        if half_unit == 0.0 or found.adjustment <= half_unit * published.size:
+            return found
+    return _changed(_nearest(region, published), published, on_face=False)
+
+
+def _reach(rows: Polyhedron, published: Array, half_unit: float) -> Array:
+    """The most (n,) that rounding changes each inequality row a'u, which the equalities limit too.
+
+    With r = b_eq − A_eq ũ and any multipliers y, a'(u* − ũ) = (a − A_eq'y)'(u* − ũ) + y'r; here y is that of least squares.
+    """
+    multipliers = np.linalg.lstsq(rows.A_eq.T, rows.A_ub.T, rcond=None)[0]
+    free = rows.A_ub - multipliers.T @ rows.A_eq
+    missed = np.abs(multipliers.T @ (rows.b_eq - rows.A_eq @ published))
+    return np.asarray(
+        np.minimum(half_unit * np.abs(rows.A_ub).sum(axis=1), half_unit * np.abs(free).sum(axis=1) + missed)
+    )
 
 
 def _changed(action: Array, published: Array, *, on_face: bool) -> Completed:

@@ -248,3 +248,20 @@ def test_intervals_of_few_draws_hold_the_figures(n_draws, fresh_rng):
         figures = np.array([found.mutual_information[0], found.bayes_error[0]])
         held += np.abs(figures - exact) <= 1.96 * np.array([found.information_se[0], found.error_se[0]])
     assert held.min() >= 70
+
+
+@pytest.mark.parametrize("rare", [0.002, 0.02])
+def test_figures_of_a_rare_belief_are_possible(rare, fresh_rng):
+    """Never more than infinitely many decisions reveal, and with a standard error."""
+    beliefs, chances, shares = np.array([[0.9, 0.1], [0.1, 0.9]]), np.array([0.7, 0.3]), np.array([1 - rare, rare])
+    played = Mechanism(beliefs, [0, 1], np.column_stack([chances, 1 - chances]), np.zeros((2, 2)))
+    for seed in (
+        3,
+        5,
+        *fresh_rng.integers(2**32, size=20),
+    ):  # the first two gave an error of 0 ± 0 and 100.3 % of top states
+        found = repeated_leakage(played, Prior(beliefs, shares), 100, rng=np.random.default_rng(seed))
+        assert found.mutual_information[0] <= found.limit_information <= found.prior_entropy + 1e-12
+        assert found.bayes_error[0] >= found.limit_error
+        assert found.top_state_accuracy[0] <= 1.0
+        assert min(getattr(found, name)[0] for name in ERRORS) > 0

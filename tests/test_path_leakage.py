@@ -13,9 +13,12 @@ from inscrutable import (
     GaussianEmission,
     HiddenMarkovModel,
     InputError,
+    MarkowitzProblem,
     Mechanism,
+    OriginalDecisionMaker,
     PathLeakage,
     leakage,
+    mechanism,
     path_leakage,
     reachable_beliefs,
     repeated_leakage,
@@ -182,6 +185,24 @@ def test_a_coarse_grid_states_its_error_and_a_chain_takes_any_sensor() -> None:
     assert "after    4" in found.summary()
     with pytest.raises(InputError, match="BeliefChain"):
         path_leakage(real, some_mechanism(grid), 3, rng=np.random.default_rng(0))
+
+
+def test_a_decision_that_no_belief_of_the_grid_plays_leaves_the_bits_finite(fresh_rng) -> None:
+    """Every belief plays a decision of its own; no more is known than which of the grid's it is."""
+    for seed in (0, int(fresh_rng.integers(2**32))):  # the first had inf ± nan bits
+        rng = np.random.default_rng(seed)
+        moves = 0.9 * np.eye(3) + 0.1 * rng.dirichlet(np.ones(3), size=3)
+        world = HiddenMarkovModel(moves, CategoricalEmission(rng.dirichlet(np.ones(3), size=3)))
+        problem = MarkowitzProblem(rng.normal(0, 0.3, (3, 4)), [np.eye(4)] * 3, 1.0)
+        beliefs = simplex_grid(3, 8)
+        played = mechanism(OriginalDecisionMaker(problem), beliefs)
+        found = path_leakage(world, played, 6, rng=np.random.default_rng(seed), n_draws=200)
+        for bits, deviation in (
+            (found.belief_information, found.belief_information_se),
+            (found.state_information, found.state_information_se),
+        ):
+            assert np.isfinite(deviation).all()
+            assert ((bits >= 0) & (bits <= np.log2(len(beliefs)))).all()
 
 
 def test_the_same_seed_gives_the_same_figures_and_they_are_saved(tmp_path: Any) -> None:

@@ -581,6 +581,10 @@ class _Sampling:
 
 
 def _divergence(law: Array, prior: Array) -> Array:
-    """Σ p log2(p/q) along the last axis, in bits."""
+    """Σ p log2(p/q) along the last axis, in bits.
+
+    Points with q = 0 are left out: on a grid a decision that no possible belief plays is read as one of a belief nearby.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(law > 0, law * np.log2(law / prior), 0.0).sum(axis=-1))
+        bits = np.where((law > 0) & (prior > 0), law * np.log2(law / prior), 0.0).sum(axis=-1)
+    return np.asarray(np.maximum(bits, 0.0))

@@ -160,6 +160,20 @@ def test_malformed_disclosures_are_refused(text: Any, said: str) -> None:
         Disclosure.of(text)
 
 
+@settings(max_examples=instances(200))
+@given(st.floats(0, allow_nan=False, allow_infinity=False))
+def test_the_text_of_a_disclosure_is_read_back_exactly(weight: float) -> None:
+    assert Disclosure.of(str(ins.at_least(weight))) == ins.at_least(weight)
+
+
+@pytest.mark.parametrize(
+    ("weight", "text"), [(1234567.0, "1234567"), (0.1234567891, "0.1234567891"), (0.05, "0.05"), (2, "2")]
+)
+def test_the_text_of_a_size_has_all_digits(weight: float, text: str) -> None:
+    assert str(ins.at_least(weight)) == f"at_least({text})"
+    assert Disclosure.of(f"at_least({text})") == ins.at_least(weight)
+
+
 def test_a_disclosure_is_joined_with_nothing_else() -> None:
     with pytest.raises(TypeError, match="unsupported operand"):
         ins.every(3) | 3  # type: ignore[operator]

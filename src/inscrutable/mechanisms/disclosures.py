@@ -575,7 +575,8 @@ def _call(name: str, value: Any) -> tuple[str, list[Any], dict[str, Any]]:
 
 
 def _text(value: Any) -> str:
-    return repr(list(value)) if isinstance(value, tuple) else f"{value:g}" if isinstance(value, float) else repr(value)
+    """A value as it is read back, to the last digit."""
+    return repr(list(value)) if isinstance(value, tuple) else repr(value).removesuffix(".0")
 
 
 def _points(actions: ArrayLike, axes: tuple[Axis | None, Axis]) -> Array:

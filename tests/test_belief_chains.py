@@ -177,6 +177,32 @@ def test_the_predicted_chain_is_one_step_ahead() -> None:
     assert np.sqrt(chain.prior.weights @ ((moved - chain.prior.beliefs @ WORLD.transition) ** 2).sum(axis=1)) < 0.05
 
 
+def test_predicted_beliefs_that_are_one_are_listed_once() -> None:
+    """Equal rows forget the state, so that there is one prediction; with two of three equal there are those of two shares."""
+    report = [[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]]
+    forgetful = HiddenMarkovModel([[0.6, 0.4]] * 2, CategoricalEmission([[0.8, 0.2], [0.2, 0.8]]))
+    prior = predicted_prior(forgetful, 10, rng=np.random.default_rng(0), n_steps=2000)
+    np.testing.assert_allclose(prior.beliefs, [[0.6, 0.4]], atol=1e-12)
+    assert prior.entropy == 0.0
+    public = CategoricalEmission([[0.7, 0.3], [0.4, 0.6], [0.5, 0.5]])
+    rows = [[0.7, 0.2, 0.1], [0.7, 0.2, 0.1], [0.1, 0.3, 0.6]]
+    for told in (None, public):
+        world = HiddenMarkovModel(rows, CategoricalEmission(report), public=told)
+        before = filtered_chain(world, 6, rng=np.random.default_rng(0), n_steps=5000)
+        chain = predicted_chain(world, 6, rng=np.random.default_rng(0), n_steps=5000)
+        apart = np.abs(chain.prior.beliefs[:, None] - chain.prior.beliefs[None]).max(axis=2)
+        assert len(chain.prior) <= 7  # shares of the third state
+        assert apart[~np.eye(len(apart), dtype=bool)].min() > 1e-6
+        # The flow from one belief to the next is that of all filtered beliefs with the same predictions.
+        place = np.abs(before.prior.beliefs[:, 2:] @ [[0.5]] + 0.1 - chain.prior.beliefs[:, 2]).argmin(axis=1)
+        tables = [(before.transition, chain.transition)]
+        tables += [] if told is None else list(zip(before.public, chain.public, strict=True))
+        for filtered, predicted in tables:
+            flow = np.zeros((len(apart), len(apart)))
+            np.add.at(flow, (place[:, None], place), before.prior.weights[:, None] * filtered.toarray())
+            np.testing.assert_allclose(chain.prior.weights[:, None] * predicted.toarray(), flow, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("transition", "message"),
     [

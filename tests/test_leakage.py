@@ -297,3 +297,20 @@ def test_regrets_count_as_they_are_stated_where_a_decision_is_listed_twice() -> 
     twice = Mechanism(np.eye(2), [[0.5, 0.5], [0.5, 0.5]], np.full((2, 2), 0.5), [[0.0, 1.0], [0.0, 3.0]])
     found = leakage(twice, Prior(np.eye(2), [0.5, 0.5]))
     assert (found.expected_regret, found.worst_regret, found.worst_expected_regret) == (1.0, 3.0, 1.5)
+
+
+def test_a_belief_listed_twice_is_matched_by_place_or_refused() -> None:
+    """In the mechanism's order rows are matched by place; in another one figures agree where both rows do."""
+    beliefs, weights = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), np.array([0.25, 0.25, 0.5])
+    moved = [2, 0, 1]
+    for second, is_same in (([0.5, 0.5], True), ([0.0, 1.0], False)):
+        table = np.array([[0.5, 0.5], second, [0.0, 1.0]])
+        played = Mechanism(beliefs, [0, 1], table, np.zeros((3, 2)))
+        bits = oracle.mutual_information(weights.tolist(), table.tolist())
+        assert leakage(played, Prior(beliefs, weights)).mutual_information == pytest.approx(bits, abs=1e-12)
+        other = Prior(beliefs[moved], weights[moved])
+        if is_same:
+            assert leakage(played, other).mutual_information == pytest.approx(bits, abs=1e-12)
+        else:
+            with pytest.raises(InputError, match="twice, with different rows"):
+                leakage(played, other)

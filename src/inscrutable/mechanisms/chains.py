@@ -335,7 +335,14 @@ def predicted_chain(
     Arguments and errors as `filtered_chain`; the chain's prior is `predicted_prior`.
     """
     filtered = _binned(world, resolution, rng, n_steps, cuts)
-    chain = replace(filtered, prior=predicted(filtered.prior, world))
+    prior, place = predicted(filtered.prior, world)
+    if len(prior) == len(filtered.prior):
+        chain = replace(filtered, prior=prior)
+    else:  # moves from and to beliefs that are one, by their weights
+        to = sparse.csr_array((np.ones(len(place)), (np.arange(len(place)), place)), shape=(len(place), len(prior)))
+        mean = sparse.diags_array(1.0 / prior.weights) @ to.T @ sparse.diags_array(filtered.prior.weights)
+        tables = None if filtered.public is None else [mean @ each @ to for each in filtered.public]
+        chain = BeliefChain(prior, mean @ filtered.transition @ to, tables, filtered.cells)
     return _measured(world, chain, rng, ahead=True)
 
 

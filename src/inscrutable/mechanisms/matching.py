@@ -11,6 +11,7 @@ from inscrutable import tolerances
 from inscrutable.errors import InputError
 from inscrutable.mechanisms.played import Mechanism
 from inscrutable.mechanisms.priors import Prior, checked_prior
+from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.validation import Array
 
 
@@ -26,7 +27,7 @@ def weights_on(mechanism: Mechanism, prior: Prior) -> Array:
 
     The prior may list them in another order or leave some out, which then weigh nothing; points closer than
     `tolerances.SAME_BELIEF` in every entry are one. A belief with weight that the mechanism does not know raises
-    `InputError`.
+    `InputError`, and so does one with two different rows, which only the same order tells apart.
     """
     held = checked_mechanism(mechanism).beliefs
     if checked_prior(prior).beliefs.shape[1] != held.shape[1]:
@@ -40,5 +41,13 @@ def weights_on(mechanism: Mechanism, prior: Prior) -> Array:
         raise InputError(
             f"{missing.size} of the prior's {len(prior)} beliefs are none of the mechanism's {len(held)}, the first at "
             f"index {missing[0]}: {prior.beliefs[missing[0]]}; make the mechanism on prior.beliefs"
+        )
+    first = first_same(held, tolerances.SAME_BELIEF)
+    twice = np.flatnonzero((first < np.arange(len(held))) & np.isin(first, first[place]))
+    table: Any = mechanism.observed
+    if twice.size and abs(table[twice] - table[first[twice]]).max() > tolerances.PROBABILITY:
+        raise InputError(
+            f"the mechanism has the belief {held[twice[0]]} twice, with different rows, and the prior lists its beliefs in "
+            "another order: make the mechanism on prior.beliefs"
         )
     return np.asarray(np.bincount(place, weights=prior.weights[some], minlength=len(held)), dtype=np.float64)

@@ -7,12 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable import validation
+from inscrutable import tolerances, validation
 from inscrutable.axes import Axis
 from inscrutable.errors import InputError, ModelError
 from inscrutable.filtering import filter_beliefs
 from inscrutable.geometry import simplex_grid
 from inscrutable.mechanisms.cycles import balanced_weights
+from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
@@ -157,7 +158,7 @@ def predicted_prior(
     of `run_backtest`, `attack_weights`, `protect` and `compare` decides on this belief. It is nearer to the mean than the
     filtered one; an observer who confuses the two misjudges the information in decisions.
 
-    Formula: weights of `filtered_prior`, each of its points π moved to P'π.
+    Formula: weights of `filtered_prior`, each of its points π moved to P'π; points that become equal are one.
 
     Args:
         world: The hidden Markov model whose observations the agent filters.
@@ -179,12 +180,18 @@ def predicted_prior(
         >>> print(predicted_prior(world, 10, rng=np.random.default_rng(0)).beliefs[:, 0].min().round(3))
         0.1
     """
-    return predicted(filtered_prior(world, resolution, rng=rng, n_steps=n_steps), world)
+    return predicted(filtered_prior(world, resolution, rng=rng, n_steps=n_steps), world)[0]
 
 
-def predicted(prior: Prior, world: HiddenMarkovModel) -> Prior:
-    """Return the law of the belief one step ahead of one with the law `prior`."""
-    return Prior(prior.beliefs @ world.transition, prior.weights)
+def predicted(prior: Prior, world: HiddenMarkovModel) -> tuple[Prior, np.ndarray]:
+    """Return the law of the belief one step ahead of one with the law `prior`, and where each point of `prior` moves.
+
+    Points that become one, because the transition has equal rows or others that depend on each other, are one.
+    """
+    points = prior.beliefs @ world.transition
+    first, place = np.unique(first_same(points, tolerances.SAME_BELIEF), return_inverse=True)
+    weights: Array = np.bincount(place, weights=prior.weights).astype(np.float64)
+    return Prior(points[first], weights), place
 
 
 def checked_prior(prior: Any, n_states: int | None = None) -> Prior:

@@ -10,6 +10,8 @@ from inscrutable import (
     Budget,
     CounterAdversarialDecisionMaker,
     DesiredObfuscation,
+    DetectabilityCap,
+    Disclosure,
     FiniteProblem,
     InputError,
     InscrutableError,
@@ -18,17 +20,25 @@ from inscrutable import (
     ModelError,
     OriginalDecisionMaker,
     Polyhedron,
+    PriceCalibration,
+    Prior,
     ProbabilisticDecisionMaker,
     QuadraticProblem,
+    SequentialDecisionMaker,
     SolverError,
     box,
     consistent_beliefs,
     decoy_grid,
+    detectability,
+    grouped,
+    infer_weights,
+    mechanism,
     near_optimal_beliefs,
     plausibility_gap,
     privacy_frontier,
     simplex,
 )
+from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 
 INDEFINITE = np.array([[1.0, 2.0], [2.0, 1.0]])  # eigenvalues 3 and −1
 
@@ -294,3 +304,56 @@ def test_errors_are_sorted_by_what_the_reader_can_do():
     for kind in (InputError, ModelError, SolverError):
         assert issubclass(kind, InscrutableError)
     assert issubclass(InputError, ValueError)
+
+
+CHOICES = FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
+TWO = MarkowitzProblem([[0.3, 0.0], [0.0, 0.3]], [np.eye(2)] * 2, 1.0)
+EVEN = Prior(np.eye(2), [0.5, 0.5])
+CHAIN = resting_chain(EVEN, 0.5)
+CHOSEN = mechanism(OriginalDecisionMaker(CHOICES), np.eye(2))
+
+
+def ruled(price, **more):
+    rng = np.random.default_rng(0)
+    return SequentialDecisionMaker(CHOICES, Budget.regret(0.25), chain=CHAIN, information_price=price, rng=rng, **more)
+
+
+def played_for(before, **more):
+    return ruled(None, calibration=PriceCalibration.at(1.0, np.inf), **more).begin().mechanism_for(EVEN, before)
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        (lambda: detectability(CHOSEN, EVEN, TWO), "decisions are choices, those of .* have 2 coordinates"),
+        (
+            lambda: DetectabilityCap(0.1).reached(CHOSEN, EVEN, TWO),
+            "decisions are choices, those of .* have 2 coordinates",
+        ),
+        (lambda: infer_weights([0.1, 0.2], [[0.1, 0.0], [0.2, 0.1]], total=np.nan), "total must be finite, got nan"),
+        (lambda: infer_weights([0.1, 0.2], [[0.1, 0.0], [0.2, 0.1]], total="a"), "total must be a number, got 'a'"),
+        (lambda: infer_weights([0.1, 0.2], [[0.1, 0.0], [0.2, 0.1]], total=None), "total must be a number, got None"),
+        (lambda: resting_chain("x", 0.5), "prior must be a Prior"),
+        (lambda: BeliefChain(EVEN, np.eye(2), public=3), "public must be tables of shape"),
+        (lambda: BeliefChain(EVEN, np.eye(2), public=[["a"]]), "public must be tables of shape"),
+        (lambda: CHAIN.lagged("x", 1), "expected a Mechanism"),
+        (lambda: CHAIN.histories(-1, 2, rng=np.random.default_rng(0)), "n_steps must be a whole number of at least 0"),
+        (lambda: CHAIN.histories(1, 0, rng=np.random.default_rng(0)), "n_draws must be a whole number"),
+        (lambda: CHAIN.histories(1, 2, rng=None), "rng"),
+        (lambda: played_for("x"), "action must be numbers"),
+        (lambda: played_for("x", disclosure="grouped([a, b])"), "action must be numbers"),
+        (lambda: PriceCalibration.at(1.0, "x"), "information_price must be at least 0, got 'x'"),
+        (lambda: PriceCalibration.at(1.0, np.nan), "information_price must be at least 0, got nan"),
+        (lambda: ruled("x"), "information_price must be a number of at least 0, or None, got 'x'"),
+    ],
+)
+def test_what_rules_and_observers_cannot_use_is_refused(asked, message):
+    with pytest.raises(InputError, match=message):
+        asked()
+
+
+def test_numbers_of_other_kinds_are_numbers():
+    assert grouped([np.int64(0), np.int64(0), np.int64(1)]) == grouped([0, 0, 1])
+    assert Disclosure.of(str(grouped([np.str_("a"), "b"]))) == grouped(["a", "b"])
+    assert ruled(np.int64(1)).information_price == 1
+    assert PriceCalibration.at(1.0, np.float32(0.5)).prices(0).information == 0.5

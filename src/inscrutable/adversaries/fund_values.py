@@ -92,7 +92,7 @@ def infer_weights(
         raise InputError(f"{len(values)} returns of the fund need a table of as many rows, got shape {table.shape}")
     known = None if noise is None else validation.non_negative(noise, "noise")
     count = table.shape[1]
-    start = np.full(count, float(total) / count)
+    start = np.full(count, validation.number_of(total, "total") / count)
     basis = np.linalg.svd(np.ones((1, count)))[2][1:].T  # (U, U-1), orthonormal
     left, sizes, right = np.linalg.svd(table @ basis, full_matrices=False)
     some = sizes > tolerances.RANK * float(np.linalg.norm(table))

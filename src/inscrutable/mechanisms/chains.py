@@ -14,6 +14,7 @@ from scipy import sparse
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
 from inscrutable.mechanisms.drawing import RowDraws
+from inscrutable.mechanisms.matching import checked_mechanism
 from inscrutable.mechanisms.played import Mechanism
 from inscrutable.mechanisms.priors import STEPS_OF_LAW, Prior, checked_prior, grid_visits, predicted
 from inscrutable.mechanisms.public_cells import N_CELLS, PublicCells, cells_of, errors_of
@@ -93,7 +94,7 @@ class BeliefChain(Summarised):
 
         The mechanism must be on the prior's beliefs, in their order; otherwise `InputError` is raised.
         """
-        known = mechanism.beliefs
+        known = checked_mechanism(mechanism).beliefs
         self.checked_beliefs(known)
         if validation.count(n_steps, "n_steps", least=0) == 0:
             return mechanism
@@ -113,11 +114,12 @@ class BeliefChain(Summarised):
 
         In the order of time; the last entries are the beliefs themselves.
         """
-        drawn, count = RowDraws(self.reversed), len(self.prior)
-        found = np.empty((n_steps + 1, count, n_draws), dtype=np.intp)
+        steps, draws = validation.count(n_steps, "n_steps", least=0), validation.count(n_draws, "n_draws")
+        drawn, count, source = RowDraws(self.reversed), len(self.prior), validation.generator(rng)
+        found = np.empty((steps + 1, count, draws), dtype=np.intp)
         found[-1] = np.arange(count)[:, None]
-        for step in range(n_steps - 1, -1, -1):
-            found[step] = drawn(found[step + 1], rng)
+        for step in range(steps - 1, -1, -1):
+            found[step] = drawn(found[step + 1], source)
         return found
 
     def paths(self, n_steps: int, n_draws: int, *, rng: np.random.Generator) -> np.ndarray:
@@ -152,7 +154,10 @@ class BeliefChain(Summarised):
 
 def _parts(given: Any, transition: Any) -> tuple[Any, ...]:
     """Public tables as sparse arrays that sum to the transition."""
-    tables = tuple(sparse.csr_array(each) for each in given)
+    try:
+        tables = tuple(sparse.csr_array(each) for each in given)
+    except (TypeError, ValueError):  # no tables, or texts
+        tables = ()
     if not tables or any(each.shape != transition.shape for each in tables):
         raise InputError(f"public must be tables of shape {transition.shape}, one for every public symbol")
     for z, each in enumerate(tables):
@@ -176,7 +181,7 @@ def resting_chain(prior: Prior, stay: float) -> BeliefChain:
         stay: a in [0, 1].
 
     Raises:
-        InputError: `stay` is no probability.
+        InputError: `stay` is no probability, or `prior` no prior.
 
     Cost: B² numbers. Source: a mixture of the identity and of independent draws.
 
@@ -185,6 +190,7 @@ def resting_chain(prior: Prior, stay: float) -> BeliefChain:
         [[0.9 0.1]
          [0.1 0.9]]
     """
+    checked_prior(prior)
     share = validation.non_negative(stay, "stay")
     if share > 1:
         raise InputError(f"stay must be at most 1, got {share:g}")

@@ -517,9 +517,13 @@ def _digits(digits: Any) -> tuple[int]:
 
 
 def _labels(labels: Any) -> tuple[tuple[str | int, ...]]:
-    if not isinstance(labels, tuple) or not labels or not all(isinstance(each, (str, int)) for each in labels):
+    if (
+        not isinstance(labels, tuple)
+        or not labels
+        or not all(isinstance(each, (str, int, np.integer)) for each in labels)
+    ):
         raise InputError(f"labels must be a list of texts or whole numbers, one at least, got {labels!r}")
-    return (labels,)
+    return (tuple(str(each) if isinstance(each, str) else int(each) for each in labels),)
 
 
 def _places(places: Any) -> tuple[tuple[int, ...]]:

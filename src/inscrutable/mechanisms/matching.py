@@ -12,6 +12,7 @@ from inscrutable.errors import InputError
 from inscrutable.mechanisms.played import Mechanism
 from inscrutable.mechanisms.priors import Prior, checked_prior
 from inscrutable.mechanisms.same_actions import first_same
+from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
 
@@ -20,6 +21,19 @@ def checked_mechanism(mechanism: Any) -> Mechanism:
     if not isinstance(mechanism, Mechanism):
         raise InputError(f"expected a Mechanism, as mechanism(decision_maker, beliefs) makes it, got {mechanism!r}")
     return mechanism
+
+
+def points_in(problem: DecisionProblem, mechanism: Mechanism) -> Array:
+    """Return the decisions (M,U) of a mechanism, or raise `InputError` where they are none of the problem's."""
+    n_states = mechanism.beliefs.shape[1]
+    if checked_problem(problem).n_states != n_states:
+        raise InputError(f"the problem has {problem.n_states} states, the mechanism {n_states}")
+    points = problem.check_actions(mechanism.actions)
+    if points.ndim != 2:  # choices by number, as many as a decision of the problem has coordinates
+        raise InputError(
+            f"the mechanism's decisions are choices, those of {problem!r} have {problem.n_actions} coordinates"
+        )
+    return points
 
 
 def weights_on(mechanism: Mechanism, prior: Prior) -> Array:

@@ -10,11 +10,11 @@ from scipy.spatial import cKDTree
 from inscrutable.adversaries.consistent_sets import consistent_sets
 from inscrutable.adversaries.observers import NaiveAdversary
 from inscrutable.adversaries.plausibility import nearest_explanations
-from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import joint_law
+from inscrutable.mechanisms.matching import points_in
 from inscrutable.mechanisms.same_actions import first_same
-from inscrutable.problems import DecisionProblem, checked_problem
+from inscrutable.problems import DecisionProblem
 from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
@@ -109,9 +109,7 @@ def detectability(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) 
         0.5
     """
     joint = joint_law(mechanism, prior)
-    if checked_problem(problem).n_states != joint.beliefs.shape[1]:
-        raise InputError(f"the problem has {problem.n_states} states, the mechanism {joint.beliefs.shape[1]}")
-    points = problem.check_actions(mechanism.actions)
+    points = points_in(problem, mechanism)
     gaps, excuses, explained = _gaps(problem, points, joint.played > 0)
     some = joint.weights > 0
     honest = problem.solve_points(joint.beliefs[some])

@@ -20,8 +20,9 @@ from inscrutable.decision_makers.aware.guaranteed_programme import (
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import joint_law
+from inscrutable.mechanisms.matching import points_in
 from inscrutable.mechanisms.same_actions import first_same
-from inscrutable.problems import DecisionProblem, checked_problem
+from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 
@@ -60,7 +61,8 @@ class Guarantee(RowsAndCuts):
             problem: The decision problem, whose optimal decisions the observer compares with.
 
         Raises:
-            InputError: A belief of the prior is none of the mechanism's, or the problem has another number of states.
+            InputError: A belief of the prior is none of the mechanism's, or the problem has another number of states or
+                other decisions.
         """
         return self.level(*played_game(mechanism, prior, problem))
 
@@ -460,10 +462,7 @@ class MeanSquaredErrorFloor(_SquareErrors):
 def played_game(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) -> tuple[PlayedGame, Array]:
     """Return the beliefs with weight, the optimal rule's law on all decisions, and K on them."""
     joint = joint_law(mechanism, prior)
-    if checked_problem(problem).n_states != joint.beliefs.shape[1]:
-        raise InputError(f"the problem has {problem.n_states} states, the mechanism {joint.beliefs.shape[1]}")
-    some = joint.weights > 0
-    points = problem.check_actions(mechanism.actions)
+    some, points = joint.weights > 0, points_in(problem, mechanism)
     kept, place = np.unique(
         first_same(np.vstack([points, problem.solve_points(joint.beliefs[some])])), return_inverse=True
     )

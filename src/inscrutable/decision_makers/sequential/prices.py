@@ -85,7 +85,9 @@ class PriceCalibration(Summarised, Saved):
         shares = validation.stochastic_rows(self.shares, "shares", ndim=1)
         if not len(prices) or prices.shape != shares.shape or prices.min() < 0:
             raise InputError(f"prices of at least 0 with a share each are needed, got {prices} and {shares}")
-        if not self.information_price >= 0:
+        if not (
+            isinstance(self.information_price, (int, float, np.integer, np.floating)) and self.information_price >= 0
+        ):
             raise InputError(f"information_price must be at least 0, got {self.information_price!r}")
         object.__setattr__(self, "regret_prices", prices)
         object.__setattr__(self, "shares", shares)

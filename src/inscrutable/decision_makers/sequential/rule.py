@@ -139,7 +139,7 @@ class SequentialDecisionMaker(Described):
         self.loss = loss_of_rule(loss, self.problem.n_states, self.problem)
         self.disclosure = _checked_disclosure(disclosure)
         if information_price is not None and not (
-            isinstance(information_price, (int, float)) and information_price >= 0
+            isinstance(information_price, (int, float, np.integer, np.floating)) and information_price >= 0
         ):
             raise InputError(f"information_price must be a number of at least 0, or None, got {information_price!r}")
         self.information_price = information_price

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from inscrutable import tolerances
+from inscrutable import tolerances, validation
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.aware.columns import Columns, allowed_places
 from inscrutable.decision_makers.sequential.seen import Classes, classes_of
@@ -80,7 +80,7 @@ class StepTable:
         """Return the number of a disclosed value, or of a decision's; −1 where there is none, or for None."""
         if action is None:
             return -1
-        shown = np.asarray(action, dtype=np.float64).reshape(-1)
+        shown = validation.real_array(action, "action").reshape(-1)
         if self.disclosure.maps and shown.size == self.classes.values.shape[1]:
             gaps = np.abs(self.classes.values - shown).max(axis=1)
             if gaps.min() <= tolerances.SAME_ACTION:

@@ -25,6 +25,8 @@ decisions take up to 1.1 times as long with .02, and as long with .5."""
 _MOST_COLUMNS = 200
 """Columns of Newton's steps at most. Nine of these curves, with 400 decisions and more, take 1.2 times as long with 300, nearly
 three times with 900, and .9 of the time with 100."""
+_MOST_STEPS = 100_000
+"""Blahut–Arimoto steps at most: a hundred to a thousand are usual."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +50,9 @@ class Hidden:
 
 @dataclass(frozen=True)
 class RateEffort:
-    """How near rate and bound must come [bits], and how many Blahut–Arimoto steps may be taken."""
+    """How near rate and bound must come [bits], and who is told of the steps."""
 
     gap: float
-    most_steps: int = 100_000
     progress: Callable[[int, int], None] | None = None
 
 
@@ -130,7 +131,7 @@ class _Search:
 
         With the bound of another price the rate may be near its least, and law and price far from those that play it.
         """
-        return self.best.own_gap <= self.effort.gap or self.steps >= self.effort.most_steps
+        return self.best.own_gap <= self.effort.gap or self.steps >= _MOST_STEPS
 
     @property
     def few(self) -> np.ndarray:
@@ -150,7 +151,7 @@ class _Search:
             kernel = self.source.kernel(self.slope)
             self.law, done = squared_cycle(kernel, self.source.weights, self.law, self._target)
             self.steps += done
-            if done == 1 or self.steps >= self.effort.most_steps:
+            if done == 1 or self.steps >= _MOST_STEPS:
                 break
         self._certify()
 
@@ -171,7 +172,7 @@ class _Search:
         bound = max(found.bound, self.best.bound)
         self.best = replace(found if found.own_gap <= self.best.own_gap else self.best, bound=bound)
         if self.effort.progress is not None:
-            self.effort.progress(min(self.steps, self.effort.most_steps), self.effort.most_steps)
+            self.effort.progress(min(self.steps, _MOST_STEPS), _MOST_STEPS)
 
 
 def certified(source: Source, law: Array, regret: float, slope: float) -> tuple[Hidden, Array]:

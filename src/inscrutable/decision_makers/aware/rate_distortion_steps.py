@@ -26,13 +26,10 @@ class Source:
     excess: Array
     allowed: np.ndarray | None = None
 
-    def kernel(self, slope: float, columns: np.ndarray | None = None) -> Array:
+    def kernel(self, slope: float) -> Array:
         """Return e^{−s d}, zero where a column is forbidden."""
-        excess = self.excess if columns is None else self.excess[:, columns]
-        values = np.exp(-slope * excess)
-        if self.allowed is not None:
-            values *= self.allowed if columns is None else self.allowed[:, columns]
-        return values
+        values = np.exp(-slope * self.excess)
+        return values if self.allowed is None else values * self.allowed
 
     def some(self, columns: np.ndarray) -> Source:
         """Return the same with some of the columns."""

@@ -142,7 +142,7 @@ def tried(market: _Market, prices: Prices, n_steps: int) -> PriceTrial:
     """Return the means of a simulation."""
     rule = StepRule(market.table, prices)
     if market.law.is_still:  # nothing leaks after the first step
-        step = rule.step(market.law.weights(market.law.start()))
+        step = rule.step(market.law.start())
         lost = step.loss - market.table.floor
         return PriceTrial(prices.regret, step.regret / market.table.period, 0.0, lost, 0.0, 0.0)
     with ThreadPoolExecutor(len(market.draws)) as pool:
@@ -185,13 +185,13 @@ def _followed(rule: StepRule, law: ChainLaw, draws: Array, reads: Array | None) 
     if reads is not None:
         state = law.moved(state, law.drawn(state, float(reads[0, -1])))
     for t, draw in enumerate(draws):
-        step = rule.step(law.weights(state), kept, step)
+        step = rule.step(state, kept, step)
         found[:3, t] = (
             step.regret / rule.table.period,
-            step.loss - stakes.floor(law.weights(state)),
+            step.loss - stakes.floor(state),
             step.bits / rule.table.period,
         )
-        found[3:, t] = controls @ law.weights(state)
+        found[3:, t] = controls @ state
         order = np.argsort(step.numbers)  # nearby laws then draw the same
         levels = step.played[order].cumsum()
         atom = order[min(int(np.searchsorted(levels, draw * levels[-1], side="right")), len(order) - 1)]

@@ -90,7 +90,7 @@ def finite_rule(table: StepTable, law: ChainLaw, calibration: PriceCalibration, 
     while len(found.steps) < len(found.memories) <= most:
         place = len(found.steps)
         price, state, kept = found.memories[place]
-        step = rules[price].step(law.weights(state), kept)
+        step = rules[price].step(state, kept)
         after = np.full(len(step.numbers), place)  # a decision of probability 0 leaves the law unchanged
         for atom in np.flatnonzero(step.played >= tolerances.RARELY_PLAYED):
             ahead = law.moved(law.seen(state, step.rows[:, atom]))

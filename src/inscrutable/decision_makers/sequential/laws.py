@@ -83,7 +83,3 @@ class ChainLaw:
             return None
         sums = np.cumsum([(each @ state).sum() for each in self._forwards])
         return int(np.searchsorted(sums, uniform * sums[-1], side="right").clip(max=len(sums) - 1))
-
-    def weights(self, state: Array) -> Array:
-        """Return the law of the belief, shape (B,)."""
-        return state

@@ -132,7 +132,7 @@ class DecisionSequence(Summarised, KeptInFile):
     @property
     def observer(self) -> Prior:
         """The law of the present belief given all published decisions that are ever disclosed, already or later."""
-        return Prior(self.beliefs, self._law.weights(self._state))
+        return Prior(self.beliefs, self._state)
 
     @property
     def begun(self) -> Prior:
@@ -287,8 +287,8 @@ class DecisionSequence(Summarised, KeptInFile):
         if self._published:
             self._pass()
         if self._step is None:
-            law = self._law.weights(self._state)
-            self._step = self._rule.step(law, self._kept) if self.is_shown else hidden_step(self._table, law)
+            state = self._state
+            self._step = self._rule.step(state, self._kept) if self.is_shown else hidden_step(self._table, state)
         return self._step
 
     def _place(self, action: Any) -> tuple[Array, int, bool]:

@@ -265,3 +265,16 @@ def test_figures_of_a_rare_belief_are_possible(rare, fresh_rng):
         assert found.bayes_error[0] >= found.limit_error
         assert found.top_state_accuracy[0] <= 1.0
         assert min(getattr(found, name)[0] for name in ERRORS) > 0
+
+
+def test_lotteries_without_common_decisions_leave_no_error_and_no_standard_error(fresh_rng):
+    """The first decision tells which lottery it is: further ones add nothing, however few are drawn."""
+    table = np.zeros((3, 6))
+    for b in range(3):
+        table[b, 2 * b : 2 * b + 2] = fresh_rng.dirichlet(np.ones(2))
+    played = Mechanism(np.eye(3), np.arange(6), table, np.zeros((3, 6)))
+    found = repeated_leakage(
+        played, Prior(np.eye(3), fresh_rng.dirichlet(np.ones(3))), (1, 5), rng=fresh_rng, n_draws=20
+    )
+    np.testing.assert_allclose(found.bayes_error, 0.0, atol=1e-12)
+    np.testing.assert_allclose(found.error_se, 0.0, atol=1e-12)

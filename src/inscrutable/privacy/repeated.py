@@ -40,7 +40,7 @@ class RepeatedLeakage(Summarised, Saved):
         top_state_accuracy: How often the best guess of a most likely state is right, shape (S,).
         information_se: Standard errors of the sampled figures, shape (S,); 0 where exact: at n = 1, and without
             randomisation; otherwise at least 1/n_draws of the difference that infinitely many decisions make, because rarer
-            sequences may not be drawn. Figures are cut at what infinitely many decisions reveal.
+            sequences may not be drawn. Figures are cut at what infinitely many decisions reveal, and the error at that of one.
         error_se: Those of the Bayes error.
         accuracy_se: Those of the accuracy.
         prior_entropy: Entropy of the belief before any decision, in bits.
@@ -153,10 +153,11 @@ def repeated_leakage(
             found[:, s] = once.mutual_information, once.bayes_error, once.top_state_accuracy
             continue
         means, errors[:, s] = _averages(sampled[s], unseen)
-        found[:, s] = min(means[0], limit_information), max(np.sqrt(means[1]), limit_error), min(means[2], 1.0)
-        # √(a + e) − √a is about e/2√a, and at most √e.
-        squared, most = errors[1, s], np.sqrt(errors[1, s])
-        errors[1, s] = min(squared / (2 * found[1, s]), most) if found[1, s] > 0 else most
+        root = max(min(np.sqrt(means[1]), once.bayes_error), limit_error)
+        found[:, s] = min(means[0], limit_information), root, min(means[2], 1.0)
+        # √(a + e) − √a is about e/2√a, and at most √e; both errors lie between that of one decision and the limit.
+        most = min(np.sqrt(errors[1, s]), max(once.bayes_error - limit_error, 0.0))
+        errors[1, s] = min(errors[1, s] / (2 * root), most) if root > 0 else most
     return RepeatedLeakage(
         n_steps=np.array(steps),
         mutual_information=found[0],

@@ -11,6 +11,8 @@ import pytest
 
 from inscrutable import InputError, NonExistence
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
+from inscrutable.experiments.own_model import OwnModel
+from inscrutable.experiments.weight_limits import LimitsPart
 from inscrutable.reports import backtest_plots
 from inscrutable.reports.backtest_plots import (
     draw_backtest,
@@ -132,6 +134,22 @@ def test_weights_reach_one_and_name_their_assets(found: Backtest, kept: list[Any
         assert set(listed) >= ever
     else:
         assert listed[0].endswith("others")
+
+
+def test_short_weights_are_drawn_below_zero(kept: list[Any]) -> None:
+    own = OwnModel.of_limits(LimitsPart(long_short=1.8, max_weight={"Asset <0> & Söhne": -0.1}))
+    settings = BacktestSettings(regimes=2, train_until="2011-03", budget=0.01, sequential=False, own=own)  # type: ignore[arg-type]
+    found = backtest(settings, 3, beliefs=20)
+    draw_weights(found, Path())
+    listed = [text.get_text() for text in kept[0].legends[0].get_texts()]
+    assert len(listed) == 3  # also an asset that is only held short
+    for axis, name in zip(kept[0].axes, found.names, strict=True):
+        weights = found.weights(name)
+        heights = np.concatenate([each.get_paths()[0].vertices[:, 1] for each in axis.collections])
+        assert (weights < -0.01).any(axis=None)
+        assert heights.max() == pytest.approx(weights.clip(lower=0.0).sum(axis=1).max())
+        assert heights.min() == pytest.approx(weights.clip(upper=0.0).sum(axis=1).min())
+        assert axis.get_ylim()[0] <= heights.min() < heights.max() <= axis.get_ylim()[1]
 
 
 def test_time_panels_show_privacy_and_regret(found: Backtest, kept: list[Any]) -> None:

@@ -16,7 +16,8 @@ from inscrutable import InputError, MarkowitzProblem, Polyhedron, consistent_bel
 from inscrutable.experiments.attack import attack_weights
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
 from inscrutable.experiments.investor_model import InvestorModel
-from inscrutable.experiments.own_model import LimitsPart, OwnModel
+from inscrutable.experiments.own_model import OwnModel
+from inscrutable.experiments.weight_limits import LimitsPart
 from inscrutable.reports import backtest_plots
 from inscrutable.reports.backtest import text_of, write_backtest
 from small_runs import coarse_rivals, short_simulations

@@ -34,10 +34,10 @@ from inscrutable.decision_makers import LinearProgramme
 from inscrutable.experiments.candidates_only import CandidateDecisionMaker
 from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare, makers_of
 from inscrutable.experiments.comparison_markets import market_of
-from inscrutable.experiments.own_model import LimitsPart
 from inscrutable.experiments.random_markets import random_market
 from inscrutable.experiments.setting import Behaviour, Setting, behaviour_of, scaled_to
 from inscrutable.experiments.studies.comparison_tasks import ComparisonFile, compared_pairs
+from inscrutable.experiments.weight_limits import LimitsPart
 from inscrutable.reports import comparison_plots
 from inscrutable.reports.comparison import markdown_of, short_table, terminal_table, write_comparison
 from inscrutable.reports.comparison_plots import draw_comparison

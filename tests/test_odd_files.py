@@ -42,8 +42,9 @@ from inscrutable.datasets import (
 )
 from inscrutable.experiments.attack import Reading, attack_weights
 from inscrutable.experiments.investor_model import InvestorModel
-from inscrutable.experiments.own_model import LimitsPart, OwnModel, investor_of
+from inscrutable.experiments.own_model import OwnModel, investor_of
 from inscrutable.experiments.silence import budget_in
+from inscrutable.experiments.weight_limits import LimitsPart
 from inscrutable.problems.magnitudes import MagnitudeRegion
 from sizes import some
 
@@ -540,6 +541,38 @@ def test_limits_of_a_file_are_the_problem_s(tmp_path):
     assert not bool(region.violation([0.55, 0.45, 0.0]) <= 1e-9)
     assert bool(region.violation([0.5, 0.5 + 1e-12, -1e-12]) <= 1e-9)
     assert OwnModel.load(path).file.constraints.max_weight == {"Oil": 0.3}
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        "max_weight = 0.7\nsectors = { goods = ['Oil', 'Food'] }\nsector_cap = 0.8",
+        "max_weight = 0.7\nsectors = 'sectors.csv'\nsector_cap = { goods = 0.8 }\nturnover = 0.2",
+        "long_short = 1.6",
+        "",
+    ],
+)
+@pytest.mark.parametrize("limits", [LimitsPart(max_weight=0.45), LimitsPart(min_weight=0.1, turnover=0.3), None])
+def test_a_saved_model_and_its_file_have_the_same_limits_replaced(tmp_path, more, limits):
+    (tmp_path / "sectors.csv").write_text("asset,sector\nOil,goods\nFood,goods\nTech,services\n")
+    path, saved = tmp_path / "model.toml", tmp_path / "elsewhere" / "model.json"
+    path.write_text(MODEL.replace("{more}", f"[constraints]\n{more}"))
+    saved.parent.mkdir()
+    investor_of(path).save(saved)
+    of_file, of_saved = investor_of(path, limits), investor_of(saved, limits)
+    for belief in ([0.9, 0.1], [0.2, 0.8]):
+        np.testing.assert_allclose(of_saved.problem.solve(belief), of_file.problem.solve(belief), atol=1e-9)
+    assert of_saved.problem.constraints.names == of_file.problem.constraints.names
+    assert of_saved.turnover == of_file.turnover
+
+
+def test_limits_that_a_saved_model_does_not_name_are_not_replaced(tmp_path):
+    region = simplex(3) & max_weights(3, 0.6)
+    problem = MarkowitzProblem(own().problem.means, own().problem.covariances, 5.0, region)
+    replace(own(), problem=problem, limits=None).save(tmp_path / "model.json")
+    with pytest.raises(InputError, match="does not name the limits"):
+        investor_of(tmp_path / "model.json", LimitsPart(min_weight=0.1))
+    assert investor_of(tmp_path / "model.json", LimitsPart(turnover=0.1)).turnover == 0.1
 
 
 def test_turnover_is_read_row_by_row(tmp_path):

@@ -79,10 +79,32 @@ def test_a_total_loss_and_returns_that_do_not_vary() -> None:
         ("ME", (12, "month")),
         ("QE", (4, "quarter")),
         ("YE", (1, "year")),
+        ("D", (365.25, "day")),
     ],
 )
 def test_how_often_rows_come(rule: str, expected: tuple[float, str]) -> None:
     assert frequency_of(pd.date_range("2000-01-01", periods=40, freq=rule)) == expected
+
+
+def test_rows_within_a_day_are_counted() -> None:
+    assert frequency_of(pd.date_range("2000-01-01", periods=40, freq="h")) == (pytest.approx(24 * 365.25), "hour")
+    assert frequency_of(pd.date_range("2000-01-01", periods=40, freq="15min"))[0] == pytest.approx(96 * 365.25)
+    hours = pd.date_range("2000-01-03", "2001-12-31", freq="h")
+    open_at = hours[(hours.hour >= 9) & (hours.hour < 16) & (hours.day_of_week < 5)]
+    per_year, word = frequency_of(open_at)
+    assert (round(per_year / (7 * 5 * 365.25 / 7), 2), word) == (1.0, "hour")
+
+
+def test_hourly_wealth_that_doubles_in_a_year_doubles() -> None:
+    hours = pd.date_range("2000-01-01", "2000-12-31", freq="h")
+    growth = np.full(len(hours), 2.0 ** (1 / (24 * 365.25)) - 1.0)
+    made = track_portfolios(np.ones((len(hours), 1)), growth[:, None], frequency_of(hours))
+    assert made.annual_return() == pytest.approx(1.0, rel=1e-6)
+
+
+def test_ruined_wealth_does_not_revive() -> None:
+    weights, returns = np.array([[3.0, -2.0], [3.0, -2.0]]), np.array([[-0.6, 0.0], [-0.6, 0.0]])
+    assert track_portfolios(weights, returns, Frequency(12.0, "month")).annual_return() == -1.0
 
 
 def test_an_unusual_distance_of_dates_is_counted_in_days() -> None:

@@ -246,6 +246,19 @@ def test_two_rows_in_a_month_are_refused(small, tmp_path: Path) -> None:
     assert protect_step(model, BELIEF, copy).n_published == 1  # a look needs no date
 
 
+def test_hours_are_periods_of_their_own(small, tmp_path: Path) -> None:
+    model, _, state, _ = small
+    copy = Path(shutil.copy(state, tmp_path / "state"))
+    hours = pd.date_range("2024-01-31 22:00", periods=5, freq="h")
+    returns = pd.DataFrame(0.001 * np.arange(15.0).reshape(5, 3), hours, list(ASSETS))
+    assert protect_step(model, BELIEF, copy, publish=True, periods=returns[:1]).n_published == 1
+    with pytest.raises(InputError, match="already, and these end at 2024-01-31T22:00:00"):
+        protect_step(model, BELIEF, copy, publish=True, periods=returns[:1])
+    found = protect_step(model, BELIEF, copy, publish=True, periods=returns[:4])
+    assert (found.n_published, found.n_skipped, found.revised) == (2, 2, None)
+    assert protect_step(model, BELIEF, copy, periods=returns.assign(A=returns["A"] + 1e-4)).revised
+
+
 def test_months_without_a_decision_pass_for_the_observer(small, tmp_path: Path) -> None:
     model, _, state, _ = small
     copy = Path(shutil.copy(state, tmp_path / "state"))

@@ -133,6 +133,16 @@ def test_a_rewritten_file_keeps_its_permissions(tmp_path: Path) -> None:
         assert target.stat().st_mode & 0o777 == mode
 
 
+def test_a_link_stays_a_link_and_its_target_is_rewritten(tmp_path: Path) -> None:
+    target, link = tmp_path / "real.json", tmp_path / "link.json"
+    link.symlink_to("real.json")
+    for value in (1, 2):  # the first makes the target
+        write_json({"a": value}, link)
+        assert link.is_symlink()
+        assert target.read_text().split() == ["{", '"a":', str(value), "}"]
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["link.json", "real.json"]
+
+
 def write_half(target: Path) -> None:
     with whole_file(target) as temporary:
         assert temporary.parent == target.parent

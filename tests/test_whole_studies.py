@@ -37,6 +37,7 @@ from inscrutable.experiments.studies.reproduction_tasks import MarketRunner
 from inscrutable.experiments.studies.store import STORE
 from inscrutable.experiments.studies.tasks import Done, TaskRunner
 from inscrutable.experiments.studies.whole import BEFORE, all_rows, shipped
+from inscrutable.experiments.weight_limits import LimitsPart
 from inscrutable.reports.reproduction import summary_of
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
 from sizes import some
@@ -442,3 +443,46 @@ names = st.text("abc d", min_size=1)
 def test_flat_tables_give_back_what_they_were_made_of(data: dict[str, object]) -> None:
     found = unflat(dict(flat({key: np.array(each) if isinstance(each, list) else each for key, each in data.items()})))
     assert {key: each.tolist() if isinstance(each, np.ndarray) else each for key, each in found.items()} == data
+
+
+MODEL = """
+[constraints]
+sectors = "sectors.csv"
+sector_cap = 0.8
+[regimes]
+names = ["calm", "wild"]
+assets = ["A", "B"]
+transition = [[0.9, 0.1], [0.2, 0.8]]
+means_file = "means.csv"
+covariances = [[[0.01, 0.0], [0.0, 0.01]], [[0.04, 0.0], [0.0, 0.02]]]
+"""
+
+
+@pytest.mark.parametrize("edited", ["sectors.csv", "means.csv", "model.toml", "of limits.csv"])
+def test_a_comparison_knows_whether_a_file_that_it_names_was_edited(tmp_path: Path, edited: str) -> None:
+    sectors = "asset,sector\nA,one\nB,two\n"
+    files = {
+        "sectors.csv": sectors,
+        "of limits.csv": sectors,
+        "means.csv": "regime,A,B\ncalm,0.02,0.01\nwild,-0.03,0.0\n",
+        "model.toml": MODEL,
+    }
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    limits = LimitsPart(sectors=str(tmp_path / "of limits.csv"), sector_cap=0.7)
+
+    def identity() -> str | None:
+        study = comparison_study(
+            ComparisonSettings(budgets=(0.5,), repeats=(1,)),
+            ["ODM"],
+            market=str(tmp_path / "model.toml"),
+            resolution=6,
+            seed=0,
+            limits=limits,
+        )
+        return study.data_hash
+
+    before = identity()
+    assert before == identity()
+    (tmp_path / edited).write_text(files[edited].replace("0.02", "0.021").replace("two", "one"))
+    assert before != identity()

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from inscrutable.datasets import WeightsTable
     from inscrutable.experiments.investor_model import InvestorModel
-    from inscrutable.experiments.own_model import LimitsPart
+    from inscrutable.experiments.weight_limits import LimitsPart
     from inscrutable.problems import Polyhedron
 
 Held = Literal["anything", "invested", "long-only"]
@@ -49,7 +49,7 @@ class WeightOptions:
     def part(self) -> LimitsPart:
         """Return the limits as a section of a model file."""
         from inscrutable.errors import InputError
-        from inscrutable.experiments.own_model import LimitsPart
+        from inscrutable.experiments.weight_limits import LimitsPart
 
         given: dict[str, Any] = {
             name: share_of(value, f"--{name.replace('_', '-')}")

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from inscrutable.experiments.investor_model import InvestorModel
-    from inscrutable.experiments.own_model import LimitsPart
+    from inscrutable.experiments.weight_limits import LimitsPart
     from inscrutable.validation import Array
 
 IF_PUBLIC = (

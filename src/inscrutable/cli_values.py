@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from math import inf
 from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -211,7 +210,6 @@ DATA, WORK, INVESTOR, PRIVACY, OUTPUT = (
 
 Whole = Annotated[int, Parameter(converter=whole_number)]
 AT_LEAST_0 = Parameter(validator=validators.Number(gte=0))
-ABOVE_0 = Parameter(validator=validators.Number(gt=0, lt=inf))
 Seed = Annotated[Whole, Parameter(group=OUTPUT), AT_LEAST_0]
 Out = Annotated[Path, Parameter(group=OUTPUT)]
 

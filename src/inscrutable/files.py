@@ -23,8 +23,8 @@ def whole_file(path: PathLike) -> Iterator[Path]:
     """Give a temporary path in the target's folder to write to, and move it to `path` when all went well.
 
     Args:
-        path: The file to create or replace. Its folder must exist. The temporary file keeps the suffix, so writers that
-            go by it (images, npz) work.
+        path: The file to create or replace, or a symbolic link to it. Its folder must exist. The temporary file keeps the
+            suffix, so writers that go by it (images, npz) work.
 
     Yields:
         The temporary path. The new file gets the permissions of the one it replaces. After an exception the temporary file
@@ -47,6 +47,7 @@ def whole_file(path: PathLike) -> Iterator[Path]:
         'all of it'
     """
     target = path_of(path, "a file to write")
+    target = Path(os.path.realpath(target)) if target.is_symlink() else target
     temporary = target.with_name(f".{target.stem}.{secrets.token_hex(6)}{target.suffix}") if target.name else target
     try:
         if target.is_dir():

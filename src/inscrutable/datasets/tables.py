@@ -132,8 +132,8 @@ def read_returns(path: PathLike, *, prices: bool = False) -> pd.DataFrame:
     Args:
         path: The file. First column: strictly increasing dates as 2020-01-31, 2020-01 (the end of that month),
             20200131, 31.01.2020, 31-Jan-2020, 01/2020, or with slashes where only one order of day and month fits; a time
-            of day is kept and an offset from UTC dropped, so the local day stays. Every other column: one asset, numbers in
-            every row.
+            of day is kept; times with offsets from UTC become UTC, midnights alone stay days. Every other column: one asset,
+            numbers in every row.
         prices: False: the numbers are simple returns as fractions, 0.01 for one per cent, not below -1. True: they are
             prices above 0, and r_t = p_t / p_{t-1} - 1 is returned; the first date drops out.
 

@@ -23,6 +23,7 @@ from inscrutable.experiments.holding import base_rate, estimate_quality
 from inscrutable.experiments.investor_model import InvestorModel, step_of
 from inscrutable.experiments.performance import Performance, SharpeDifference
 from inscrutable.experiments.rivals import is_own
+from inscrutable.experiments.weight_limits import LimitsPart
 from inscrutable.mechanisms.disclosures import EXACT
 from inscrutable.privacy import Loss, RivalProblem
 from inscrutable.problems import MarkowitzProblem
@@ -57,7 +58,7 @@ class Backtest:
         comparisons: Sharpe ratios against the ODM's.
         aware: Estimates of the aware observers; None where a target is given per step, and where turnover is limited.
         sequential: The sequential rule, which published as `SEQUENTIAL`; None where it did not.
-        public: Estimates of observers who follow a public number; None in results of older versions, which had none.
+        public: Estimates of observers who follow a public number.
         rival: The loss of the rival to whom beliefs and weights are worth something; None: by the investor's own problem.
 
     Source: the paper's Section V-A on data instead of a simulation. Example: see `run_backtest`.
@@ -73,10 +74,10 @@ class Backtest:
     episode: Episode
     performance: Mapping[str, Performance]
     comparisons: Mapping[str, SharpeComparison]
-    aware: AwareReading | None = None
-    sequential: SequentialPart | None = None
-    public: BesideWeights | None = None
-    rival: Loss | None = None
+    aware: AwareReading | None
+    sequential: SequentialPart | None
+    public: BesideWeights
+    rival: Loss | None
 
     @property
     def assets(self) -> tuple[str, ...]:
@@ -124,13 +125,15 @@ class Backtest:
         note = "; ".join([f"regimes fitted to {len(self.assets)} assets up to {until}", *self.doubts])
         limit = self.settings.turnover
         made = InvestorModel(world, self.problem, self.assets, self.regimes, self.budget, note, limit)
-        return replace(made, step=step_of(self.beliefs.index), reads=self._reads_more)
+        own = self.settings.own
+        limits = LimitsPart() if own is None else own.limits(self.assets)
+        return replace(made, step=step_of(self.beliefs.index), reads=self._reads_more, limits=limits)
 
     @property
     def _reads_more(self) -> str:
         """What the beliefs rest on besides the returns; empty for nothing."""
-        if self.public is None or self.public.number:
-            return "" if self.public is None else self.public.number
+        if self.public.number:
+            return self.public.number
         is_known = self.figures[self.names[0]]["error_all_returns"] <= tolerances.SAME_BELIEF
         return "" if is_known else "a private signal, or beliefs of its own"
 
@@ -303,7 +306,7 @@ def _figures(result: Backtest, name: str) -> dict[str, float]:
         **_privacy_figures(result, name),
         **_aware_figures(result, name),
         **_disclosed_figures(result, name),
-        **({} if result.public is None else result.public.figures(name, result.beliefs.to_numpy())),
+        **result.public.figures(name, result.beliefs.to_numpy()),
     }
 
 

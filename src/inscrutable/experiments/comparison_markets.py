@@ -13,8 +13,9 @@ from inscrutable.datasets import load_industry_returns
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest import fitted_investor
 from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
-from inscrutable.experiments.own_model import LimitsPart, OwnModel, investor_of
+from inscrutable.experiments.own_model import OwnModel, investor_of
 from inscrutable.experiments.random_markets import MarketLaw, random_market
+from inscrutable.experiments.weight_limits import LimitsPart
 from inscrutable.geometry.grids import grid_size, resolution_for
 from inscrutable.mechanisms import Prior, uniform_prior
 from inscrutable.mechanisms.chains import BeliefChain, predicted_chain, resting_chain

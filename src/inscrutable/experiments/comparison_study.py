@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from inscrutable.experiments.comparison import Comparison, ComparisonSettings
-from inscrutable.experiments.own_model import LimitsPart
 from inscrutable.experiments.studies.comparison_tasks import ComparisonFile, comparison_from, market_from
 from inscrutable.experiments.studies.study import Study
 from inscrutable.experiments.studies.tasks import Row
 from inscrutable.experiments.studies.whole import Counted, all_rows, rows_of_whole, shipped
+from inscrutable.experiments.weight_limits import LimitsPart
 from inscrutable.files import PathLike
 
 

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from inscrutable.experiments.model_file import ModelFile, ProblemPart
+    from inscrutable.experiments.weight_limits import LimitsPart
 
 FORMAT = "inscrutable investor model"
 VERSION = 1
@@ -57,6 +58,7 @@ class InvestorModel:
             include it.
         step: Time between two rows of returns, such as "month"; empty where not known. Returns of another step are refused.
         reads: What the beliefs rest on besides the returns, such as the name of a public number; empty for nothing.
+        limits: Limits on weights that `problem` was made with, so that each can be replaced; None where they are not known.
 
     Raises:
         InputError: The numbers or names of regimes or assets disagree, or a label is duplicated.
@@ -82,6 +84,7 @@ class InvestorModel:
     turnover: float | None = None
     step: str = ""
     reads: str = ""
+    limits: LimitsPart | None = None
 
     def __repr__(self) -> str:
         told = f"; {self.note}" if self.note else ""
@@ -190,6 +193,7 @@ class InvestorModel:
             **({} if self.turnover is None else {"turnover": self.turnover}),
             **({"step": self.step} if self.step else {}),
             **({"reads": self.reads} if self.reads else {}),
+            **({} if self.limits is None else {"limits": self.limits.model_dump(exclude_none=True)}),
         }
         write_json(data, path)
         return Path(path)
@@ -302,7 +306,7 @@ def step_of(index: pd.Index) -> str:
     if not isinstance(index, pd.DatetimeIndex) or len(index) < _FEW_DATES:
         return ""
     found = frequency_of(index).word
-    return "" if found == _OTHER else found
+    return {_OTHER: "", "day": "trading day"}.get(found, found)  # a few days need not hold a weekend
 
 
 _FEW_DATES, _OTHER = 4, "period"
@@ -333,7 +337,8 @@ def _built(source: Path, file: ModelFile) -> InvestorModel:
         budget = Budget(file.budget.amount, file.budget.is_relative)
     with _naming(source, "assets and regimes"):
         names = tuple(file.assets), tuple(file.regimes)
-        return InvestorModel(world, problem, *names, budget, file.note, file.turnover, file.step, file.reads)
+        made = InvestorModel(world, problem, *names, budget, file.note, file.turnover, file.step)
+    return replace(made, reads=file.reads, limits=file.limits)
 
 
 @contextmanager

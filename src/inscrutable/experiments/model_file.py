@@ -9,6 +9,7 @@ from pydantic import Field, ValidationError
 
 from inscrutable.errors import InputError
 from inscrutable.experiments.sections import Matrix, Section, shortened
+from inscrutable.experiments.weight_limits import LimitsPart
 
 Vector = list[float]
 Stack = list[list[list[float]]]
@@ -102,6 +103,7 @@ class ModelFile(Section):
     turnover: float | None = None
     step: str = ""
     reads: str = ""
+    limits: LimitsPart | None = None
 
 
 def checked(source: Path, data: dict[str, Any]) -> ModelFile:

@@ -11,21 +11,16 @@ import pandas as pd
 from pydantic import Field, ValidationError
 
 from inscrutable.budgets import Budget, SilenceShare, written_budget
-from inscrutable.datasets import read_labelled_matrix, read_sectors
+from inscrutable.datasets import read_labelled_matrix
+from inscrutable.decision_makers.candidate_sources import is_simplex
 from inscrutable.errors import InputError
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.model_file import Stack, Vector
-from inscrutable.experiments.sections import Likely, Matrix, NonNegative, Positive, Section, expected, shortened
+from inscrutable.experiments.sections import Matrix, NonNegative, Positive, Section, expected, shortened
 from inscrutable.experiments.silence import budget_in
 from inscrutable.experiments.toml_lines import Place, TomlSource, nearest, read_toml
-from inscrutable.problems import (
-    MarkowitzProblem,
-    Polyhedron,
-    group_caps,
-    long_short,
-    max_weights,
-    min_weights,
-)
+from inscrutable.experiments.weight_limits import LimitsPart
+from inscrutable.problems import MarkowitzProblem, Polyhedron
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
 
 Names = Annotated[list[str], Field(min_length=1)]
@@ -41,85 +36,6 @@ class InvestorPart(Section):
         default=None, description='as on the command line: 0.1, "10%", "5bp", "regret:0.002"; a tenth of |c*|'
     )
     cost_bps: NonNegative | None = Field(default=None, description="cost per unit traded, in basis points; 10")
-
-
-_MOST_TURNOVER = 10.0  # a larger value is probably a percentage: 30 for 30 %
-_MOST_GROSS = 100.0  # likewise: 160 for 160 %
-
-
-class LimitsPart(Section):
-    """Limits on weights. Without `long_short` weights are nonnegative and sum to one."""
-
-    max_weight: Likely | dict[str, float] | None = Field(
-        default=None, description="most of every asset, or a table of assets and theirs"
-    )
-    min_weight: float | dict[str, float] | None = Field(
-        default=None, description="least of every asset, or a table of assets and theirs"
-    )
-    sectors: dict[str, list[str]] | str | None = Field(
-        default=None, description="a table of sectors and their assets, or a CSV with the columns asset and sector"
-    )
-    sector_cap: NonNegative | dict[str, float] | None = Field(
-        default=None, description="most of every sector, or a table of sectors and theirs"
-    )
-    long_short: Annotated[float, Field(gt=0.0, le=_MOST_GROSS)] | None = Field(
-        default=None, description="most that long and short holdings add up to"
-    )
-    net: float | None = Field(default=None, description="with `long_short`: what long less short holdings add up to; 1")
-    shortable: list[str] | None = Field(default=None, description="with `long_short`: assets that may be short; all")
-    turnover: Annotated[float, Field(ge=0.0, le=_MOST_TURNOVER)] | None = Field(
-        default=None, description="most that is bought plus sold against the last published weights, 0.3 for 30 %"
-    )
-
-    def region(self, assets: tuple[str, ...], folder: Path = Path()) -> Polyhedron:
-        """Return the feasible set of weights of these assets, without the limit on turnover; files lie in `folder`.
-
-        Raises:
-            InputError: A name is not an asset, a cap has no sectors, or a key needs `long_short`.
-            ModelError: A limit excludes every decision by itself.
-        """
-        if self.long_short is None:
-            for key in ("net", "shortable"):
-                if getattr(self, key) is not None:
-                    raise InputError(
-                        f"{key} goes with long_short, the limit on long and short holdings: give that as well"
-                    )
-            least = self.min_weight if isinstance(self.min_weight, dict) else {"all": self.min_weight or 0.0}
-            if min(least.values(), default=0.0) < 0.0:
-                raise InputError(
-                    f"min_weight is {min(least.values()):g}, and weights below 0 need long_short: give that as well"
-                )
-            signs = min_weights(assets, 0.0)
-            rows = signs & Polyhedron(
-                A_eq=np.ones((1, len(assets))), b_eq=[1.0], names=["sum of weights = 1"], asset_names=assets
-            )
-        else:
-            net = 1.0 if self.net is None else self.net
-            rows = long_short(assets, gross=self.long_short, net=net, shortable=self.shortable)
-        if self.max_weight is not None:
-            rows = rows & max_weights(assets, self.max_weight)
-        if self.min_weight is not None:
-            rows = rows & min_weights(assets, self.min_weight)
-        if (self.sectors is None) != (self.sector_cap is None):
-            one, other = ("sectors", "sector_cap") if self.sector_cap is None else ("sector_cap", "sectors")
-            raise InputError(
-                f"{one} and {other} go together: which assets a sector has, and how much of it may be held"
-            )
-        if self.sectors is not None and self.sector_cap is not None:
-            known = (
-                self.sectors if isinstance(self.sectors, dict) else read_sectors(folder / self.sectors, assets=assets)
-            )
-            rows = rows & group_caps(assets, known, self.sector_cap)
-        return rows
-
-    def over(self, other: LimitsPart) -> LimitsPart:
-        """Return other limits, with the limits given here replacing theirs."""
-        return other.model_copy(update=self.model_dump(exclude_none=True))
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether there are no limits."""
-        return not self.model_dump(exclude_none=True)
 
 
 class RegimesPart(Section):
@@ -244,12 +160,25 @@ class OwnModel:
             world = None if file.regimes is None else file.regimes.world(path.parent)
         return cls(file, source, path.parent, world)
 
+    @property
+    def files(self) -> list[Path]:
+        """The files that the model names."""
+        sectors, regimes = self.file.constraints.sectors, self.file.regimes
+        named = [sectors] if isinstance(sectors, str) else []
+        if regimes is not None:
+            named += [each for each in (regimes.means_file, *(regimes.covariance_files or ())) if each is not None]
+        return [self.folder / each for each in named]
+
     def region(self, assets: tuple[str, ...]) -> Polyhedron | None:
         """Return the feasible set of weights of assets; None where the file has no limits."""
         if self.file.constraints.is_empty:
             return None
         with self.source.saying(("constraints",)):
             return self.file.constraints.region(assets, self.folder)
+
+    def limits(self, assets: tuple[str, ...]) -> LimitsPart:
+        """Return the limits on weights of assets but that on turnover, without names of files."""
+        return self.file.constraints.model_copy(update={"turnover": None}).resolved(assets, self.folder)
 
     def with_limits(self, limits: LimitsPart) -> OwnModel:
         """Return the model with limits that replace those of the file."""
@@ -279,7 +208,8 @@ class OwnModel:
         turnover = told.file.constraints.turnover
         with self.source.saying(("investor", "budget")):
             budget = budget_in(self.world, problem, budget_of(self.file.investor) or Budget(0.1))
-        return InvestorModel(self.world, problem, assets, regimes, budget, self.file.note, turnover)
+        made = InvestorModel(self.world, problem, assets, regimes, budget, self.file.note, turnover)
+        return replace(made, limits=told.limits(assets))
 
 
 def budget_of(part: InvestorPart) -> Budget | SilenceShare | None:
@@ -297,14 +227,23 @@ def investor_of(path: Path, limits: LimitsPart | None = None) -> InvestorModel:
     if path.suffix.lower() == ".toml":
         return OwnModel.load(path).investor(limits)
     model = InvestorModel.load(path)
-    if limits is None or limits.is_empty:
-        return model
-    problem = model.problem
-    more = limits.model_copy(update={"turnover": None})
-    region = problem.constraints if more.is_empty else limits.region(model.assets)
-    limited = MarkowitzProblem(problem.means, problem.covariances, problem.risk_aversion, region)
-    turnover = model.turnover if limits.turnover is None else limits.turnover
-    return replace(model, problem=limited, turnover=turnover)
+    return model if limits is None or limits.is_empty else _limited(model, limits, path)
+
+
+def _limited(model: InvestorModel, limits: LimitsPart, path: Path) -> InvestorModel:
+    """The model with some limits replaced."""
+    problem, turnover = model.problem, model.turnover if limits.turnover is None else limits.turnover
+    given = limits.model_copy(update={"turnover": None})
+    if given.is_empty:
+        return replace(model, turnover=turnover)
+    if model.limits is None and not is_simplex(problem):
+        raise InputError(
+            f"{path} does not name the limits of its feasible set, so that none of them can be replaced: give all limits in a "
+            "model.toml, or repeat the backtest that wrote the file"
+        )
+    known = given.over(model.limits or LimitsPart()).resolved(model.assets)
+    limited = MarkowitzProblem(problem.means, problem.covariances, problem.risk_aversion, known.region(model.assets))
+    return replace(model, problem=limited, turnover=turnover, limits=known)
 
 
 def _said(problem: Any, source: TomlSource) -> str:

@@ -34,18 +34,21 @@ class Frequency(NamedTuple):
 
 
 _KNOWN = (
-    (0.0, 4.5, Frequency(252.0, "trading day")),
+    (0.9, 4.5, Frequency(252.0, "trading day")),
     (4.5, 10.0, Frequency(52.0, "week")),
     (26.0, 36.0, Frequency(12.0, "month")),
     (80.0, 100.0, Frequency(4.0, "quarter")),
     (350.0, 380.0, Frequency(1.0, "year")),
 )
+_DAY = 0.9, 1.2  # days between rows of seven a week, of which some are missing; five a week are 1.4 apart on average
+_HOUR = 0.9 / 24, 1.1 / 24
 
 
 def frequency_of(dates: pd.DatetimeIndex) -> Frequency:
     """Return the number of rows per year, from the median distance of the dates.
 
-    252 for trading days, 52 for weeks, 12 for months, 4 for quarters, 1 for years; other distances d give 365.25 / d.
+    252 for trading days, 365.25 for days with weekends, 52 for weeks, 12 for months, 4 for quarters, 1 for years; other
+    distances d give 365.25 / d, below a day with the mean of d, which counts the nights.
 
     Args:
         dates: At least two dates, increasing.
@@ -59,7 +62,12 @@ def frequency_of(dates: pd.DatetimeIndex) -> Frequency:
     """
     if len(dates) < 2:
         raise InputError(f"{len(dates)} dates do not determine how often a row comes; expected at least 2")
-    days = float(np.median(np.diff(dates.to_numpy()) / np.timedelta64(1, "D")))
+    apart = np.diff(dates.to_numpy()) / np.timedelta64(1, "D")
+    days, mean = float(np.median(apart)), float(apart.mean())
+    if days <= _DAY[0]:
+        return Frequency(365.25 / mean, "hour" if _HOUR[0] < days <= _HOUR[1] else "period")
+    if mean <= _DAY[1] and {5, 6} <= set(dates.day_of_week):
+        return Frequency(365.25, "day")
     for low, high, frequency in _KNOWN:
         if low < days <= high:
             return frequency
@@ -92,8 +100,8 @@ class Performance:
 
     def annual_return(self, *, net: bool = False) -> float:
         """Return the compound return per year as a fraction."""
-        grown = float(np.prod(1.0 + self._returns(net)))
-        return float(max(grown, 0.0) ** (self.frequency.per_year / len(self.gross)) - 1.0)
+        grown = float(np.prod(np.maximum(1.0 + self._returns(net), 0.0)))  # what is ruined stays so
+        return float(grown ** (self.frequency.per_year / len(self.gross)) - 1.0)
 
     def volatility(self, *, net: bool = False) -> float:
         """Return the standard deviation of the returns, scaled to a year, as a fraction."""

@@ -316,7 +316,12 @@ def _dates_of(periods: Sequence[str] | pd.DataFrame) -> list[str]:
         return list(periods)
     if not isinstance(periods.index, pd.DatetimeIndex):
         raise InputError("periods must be dates, or a table with dates as its index")
-    return [f"{date:%Y-%m-%d}" for date in periods.index]
+    return periods.index.strftime(_written(periods.index)).tolist()
+
+
+def _written(index: pd.DatetimeIndex) -> str:
+    """How dates are kept: with the time where any row has one."""
+    return "%Y-%m-%d" if (index == index.normalize()).all() else "%Y-%m-%dT%H:%M:%S"
 
 
 def _check_periods(periods: Sequence[str]) -> None:
@@ -333,7 +338,8 @@ def _digest(data: Sequence[str] | pd.DataFrame, last: str | None) -> str | None:
     if last is None or not isinstance(data, pd.DataFrame):
         return None
     rows = data.loc[:last].sort_index(axis=1).round(12) + 0.0  # no -0
-    text = rows.to_csv(index_label="date", date_format="%Y-%m-%d", float_format="%.12f", lineterminator="\n")
+    written: Any = _written(pd.DatetimeIndex(data.index))
+    text = rows.to_csv(index_label="date", date_format=written, float_format="%.12f", lineterminator="\n")
     return sha256(text.encode()).hexdigest()
 
 

@@ -73,7 +73,8 @@ def read_toml(path: Path, what: str, folder_hint: str = "") -> tuple[dict[str, A
     try:
         data = tomllib.loads(text)
     except ValueError as error:  # also a number of thousands of digits
-        raise InputError(f"{path} is not TOML: {error}") from None
+        instead = "; it is JSON, and what is asked for is a file in TOML" if text.lstrip().startswith("{") else ""
+        raise InputError(f"{path} is not TOML: {error}{instead}") from None
     except RecursionError:
         raise InputError(f"{path} is nested too deeply to be a {what}") from None
     return data, TomlSource(str(path), key_lines(text))

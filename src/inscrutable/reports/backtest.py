@@ -187,8 +187,6 @@ def _worth_rows(result: Backtest) -> list[_Row]:
 
 
 def _public_rows(result: Backtest) -> list[_Row]:
-    if result.public is None:
-        return []
     followed = result.public.these if result.public.number else "all these returns"
     everything = _Row("error_all_returns", f"all: error by following {followed}, no weights", style=".3f")
     if result.public.without is None:
@@ -202,10 +200,7 @@ def _public_rows(result: Backtest) -> list[_Row]:
 
 
 def _public_notes(result: Backtest) -> list[str]:
-    public = result.public
-    if public is None:
-        return []
-    said = []
+    public, said = result.public, list[str]()
     if public.without is not None:
         said.append(
             f"Public: the observer follows {public.said}, with the investor's model of it. At face value it takes the belief "
@@ -217,7 +212,6 @@ def _public_notes(result: Backtest) -> list[str]:
 def _all_public(result: Backtest) -> str:
     """Return the row of the error of an observer who follows all that is public, without weights."""
     public, error = result.public, result.figures[result.names[0]]["error_all_returns"]
-    assert public is not None
     if error <= tolerances.SAME_BELIEF:
         return (
             f"All: {public.these} are public, and the belief comes from them alone: an observer who follows them with this "
@@ -498,7 +492,7 @@ def summary_data(result: Backtest) -> dict[str, Any]:
         "regimes": _regimes(result),
         "silence_regret": result.silence_regret,
         "sequential": _sequential_data(result),
-        "public": None if result.public is None else result.public.said,
+        "public": result.public.said,
         "decision_makers": {name: dict(figures) for name, figures in result.figures.items()},
     }
 

@@ -144,25 +144,42 @@ def draw_beliefs(result: Backtest, folder: Path) -> list[Path]:
 
 
 def draw_weights(result: Backtest, folder: Path) -> list[Path]:
-    """Draw the published weights of every decision maker, as `weights`; assets that matter least are drawn as one."""
+    """Draw the published weights of every decision maker, as `weights`, short ones below zero; assets that matter least are
+    drawn as one."""
     shown, others = _main_assets(result)
+    shorts, tops = any((result.weights(name) < 0.0).any(axis=None) for name in result.names), list[float]()
     colours = (*_ASSET_COLOURS[: len(shown)], _OTHERS)
     word = result.market.frequency.word
     rows = {"nrows": len(result.names), "sharex": True, "sharey": True}
     with drawing(PAGE_WIDTH, 1.45 * len(result.names) + 0.5, **rows) as (figure, axes):
         for axis, name in zip(axes, result.names, strict=True):
             weights = result.weights(name)
-            frame = weights[shown]
-            if others:
-                frame = pd.concat([frame, weights[others].sum(axis=1).rename(f"{len(others)} others")], axis=1)
+            frame = _main(weights.clip(lower=0.0), shown, others)
             areas = _stack(axis, frame, colours, result.earned[-1])
+            tops.append(frame.sum(axis=1).max())
+            if shorts:
+                owed = _main(weights.clip(upper=0.0), shown, others)
+                _stack(axis, owed, colours, result.earned[-1])
+                tops.append(owed.sum(axis=1).min())
             axis.set_title(_published(result, name), loc="left")
             axis.set_ylabel("weight")
         figure.legend(
             areas[::-1], [as_written(name) for name in frame.columns[::-1]], loc="outside right center", title="asset"
         )
+        if shorts:
+            axes[0].set_ylim(1.05 * min(tops), 1.05 * max(tops))
+            axes[0].set_yticks(np.arange(np.ceil(min(tops)), np.floor(max(tops)) + 1.0))
+            for axis in axes:
+                axis.axhline(0.0, color=BLACK, linewidth=0.6)
         axes[-1].set_xlabel(f"published at the end of {word} t, held over {word} t+1")
         return save_figure(figure, folder, "weights")
+
+
+def _main(weights: pd.DataFrame, shown: list[str], others: list[str]) -> pd.DataFrame:
+    """The main assets, and the others as one."""
+    if not others:
+        return weights[shown]
+    return pd.concat([weights[shown], weights[others].sum(axis=1).rename(f"{len(others)} others")], axis=1)
 
 
 def draw_privacy_and_cost(result: Backtest, folder: Path) -> list[Path]:
@@ -406,7 +423,7 @@ def _unit_axis(axis: Any, values: Array) -> None:
 
 def _main_assets(result: Backtest) -> tuple[list[str], list[str]]:
     """Return the main assets by mean and largest weight, and those drawn as one; assets never held are left out."""
-    every = [result.weights(name) for name in result.names]
+    every = [result.weights(name).abs() for name in result.names]
     mean = pd.concat([weights.mean() for weights in every], axis=1).max(axis=1)
     ever = pd.concat([weights.max() for weights in every], axis=1).max(axis=1)
     ranked = (mean + ever).sort_values(ascending=False, kind="stable").index

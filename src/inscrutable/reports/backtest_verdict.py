@@ -310,7 +310,7 @@ def _holds(result: Backtest) -> str:
 def _of_other_law(result: Backtest) -> list[str]:
     """Return a line where the beliefs rest on more than what the aware observer's law of them does."""
     reads = result.investor.reads
-    if result.aware is None or not reads or (result.public is not None and result.public.number):
+    if result.aware is None or not reads or result.public.number:
         return []
     return [
         f"The aware observer's law of the belief is that of the fitted regimes, without {reads}: one who knows how these move "
@@ -320,7 +320,7 @@ def _of_other_law(result: Backtest) -> list[str]:
 
 def _beyond_public(result: Backtest) -> list[str]:
     """Return a line if public returns alone reveal the belief."""
-    if result.public is None or result.figures[result.names[0]]["error_all_returns"] > tolerances.SAME_BELIEF:
+    if result.figures[result.names[0]]["error_all_returns"] > tolerances.SAME_BELIEF:
         return []
     return [
         f"This holds for observers who see the weights alone: {result.public.these} are public, and an observer who follows "

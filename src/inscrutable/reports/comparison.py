@@ -42,7 +42,7 @@ def _columns(comparison: Comparison) -> list[_Column]:
     after = [
         _Column(
             f"error, aware, {n} decisions" if n > 1 else "error, aware",
-            _entry("repeated_errors", s),
+            _entry("repeated_errors", s) if n > 1 else lambda row: row.bayes_error,
             is_main=n in (1, last),
         )
         for s, n in enumerate(comparison.repeats)

@@ -53,9 +53,10 @@ def _panels(comparison: Comparison) -> list[_Panel]:
 
 
 def _after(n: int, place: int) -> _Panel:
-    decisions = "one decision" if n == 1 else f"{n} decisions on one belief"
+    if n == 1:
+        return _Panel("aware observer, one decision", lambda row: row.bayes_error, lambda row: 0.0)
     return _Panel(
-        f"aware observer, {decisions}",
+        f"aware observer, {n} decisions on one belief",
         lambda row: float(row.repeated_errors[place]),
         lambda row: float(row.repeated_error_se[place]),
     )

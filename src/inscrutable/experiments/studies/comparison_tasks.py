@@ -28,12 +28,13 @@ from inscrutable.experiments.comparison_markets import PAPER, RETURNS, ComparedM
 from inscrutable.experiments.comparison_measures import ComparisonRow
 from inscrutable.experiments.investor_model import problem_data, problem_of
 from inscrutable.experiments.model_file import ProblemPart
-from inscrutable.experiments.own_model import LimitsPart
+from inscrutable.experiments.own_model import OwnModel
 from inscrutable.experiments.sections import Count, Grid, PlanFile
 from inscrutable.experiments.setting import Setting
 from inscrutable.experiments.studies.flat import flat, unflat
 from inscrutable.experiments.studies.kind import Kind
 from inscrutable.experiments.studies.tasks import Listed, Row, Task, TaskGrid, TaskRunner, Work
+from inscrutable.experiments.weight_limits import LimitsPart
 from inscrutable.files import reason
 from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.chains import BeliefChain
@@ -112,7 +113,7 @@ def market_from(worlds: Sequence[dict[str, Any]]) -> ComparedMarket:
 
 
 def _market(plan: ComparisonFile, base: Path, grid: TaskGrid) -> list[dict[str, Any]]:
-    name = plan.market if _hash(plan, base) is None else str(base / plan.market)
+    name = plan.market if plan.market in (PAPER, RETURNS) else str(base / plan.market)
     found = market_of(name, plan.resolution, plan.seed, plan.limits)
     data = {
         "problem": problem_data(found.problem),
@@ -125,16 +126,18 @@ def _market(plan: ComparisonFile, base: Path, grid: TaskGrid) -> list[dict[str, 
 
 
 def _hash(plan: ComparisonFile, base: Path) -> str | None:
-    """The SHA-256 of the model's file, where the market is one."""
-    if plan.market in (PAPER, RETURNS):
-        return None
+    """The SHA-256 of the model's file and the files that it and the limits name; None where there are none."""
+    files = [Path(plan.limits.sectors)] if isinstance(plan.limits.sectors, str) else []
+    market = None if plan.market in (PAPER, RETURNS) else base / plan.market
+    if market is not None:
+        files += [market, *(OwnModel.load(market).files if market.suffix.lower() == ".toml" else ())]
     try:
-        return hashlib.sha256((base / plan.market).read_bytes()).hexdigest()
+        return hashlib.sha256(b"".join(each.read_bytes() for each in files)).hexdigest() if files else None
     except OSError as error:
-        raise InputError(
-            f"market: expected '{PAPER}', '{RETURNS}' or the model.json of a backtest; {base / plan.market} cannot be read: "
-            f"{reason(error)}"
-        ) from None
+        unread = f"{error.filename} cannot be read: {reason(error)}"
+        if error.filename != str(market):
+            raise InputError(unread) from None
+        raise InputError(f"market: expected '{PAPER}', '{RETURNS}' or the model.json of a backtest; {unread}") from None
 
 
 COMPARISON = Kind(ComparisonFile, compared_pairs, ComparisonRunner, _hash, _market)

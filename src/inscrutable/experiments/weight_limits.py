@@ -1,0 +1,97 @@
+"""Limits on weights as models' files and options give them, and the feasible set that they make."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from inscrutable.datasets import read_sectors
+from inscrutable.errors import InputError
+from inscrutable.experiments.sections import Likely, NonNegative, Section
+from inscrutable.problems import Polyhedron, group_caps, long_short, max_weights, min_weights
+
+_MOST_TURNOVER = 10.0  # a larger value is probably a percentage: 30 for 30 %
+_MOST_GROSS = 100.0  # likewise: 160 for 160 %
+
+
+class LimitsPart(Section):
+    """Limits on weights. Without `long_short` weights are nonnegative and sum to one."""
+
+    max_weight: Likely | dict[str, float] | None = Field(
+        default=None, description="most of every asset, or a table of assets and theirs"
+    )
+    min_weight: float | dict[str, float] | None = Field(
+        default=None, description="least of every asset, or a table of assets and theirs"
+    )
+    sectors: dict[str, list[str]] | str | None = Field(
+        default=None, description="a table of sectors and their assets, or a CSV with the columns asset and sector"
+    )
+    sector_cap: NonNegative | dict[str, float] | None = Field(
+        default=None, description="most of every sector, or a table of sectors and theirs"
+    )
+    long_short: Annotated[float, Field(gt=0.0, le=_MOST_GROSS)] | None = Field(
+        default=None, description="most that long and short holdings add up to"
+    )
+    net: float | None = Field(default=None, description="with `long_short`: what long less short holdings add up to; 1")
+    shortable: list[str] | None = Field(default=None, description="with `long_short`: assets that may be short; all")
+    turnover: Annotated[float, Field(ge=0.0, le=_MOST_TURNOVER)] | None = Field(
+        default=None, description="most that is bought plus sold against the last published weights, 0.3 for 30 %"
+    )
+
+    def region(self, assets: tuple[str, ...], folder: Path = Path()) -> Polyhedron:
+        """Return the feasible set of weights of these assets, without the limit on turnover; files lie in `folder`.
+
+        Raises:
+            InputError: A name is not an asset, a cap has no sectors, or a key needs `long_short`.
+            ModelError: A limit excludes every decision by itself.
+        """
+        if self.long_short is None:
+            for key in ("net", "shortable"):
+                if getattr(self, key) is not None:
+                    raise InputError(
+                        f"{key} goes with long_short, the limit on long and short holdings: give that as well"
+                    )
+            least = self.min_weight if isinstance(self.min_weight, dict) else {"all": self.min_weight or 0.0}
+            if min(least.values(), default=0.0) < 0.0:
+                raise InputError(
+                    f"min_weight is {min(least.values()):g}, and weights below 0 need long_short: give that as well"
+                )
+            signs = min_weights(assets, 0.0)
+            rows = signs & Polyhedron(
+                A_eq=np.ones((1, len(assets))), b_eq=[1.0], names=["sum of weights = 1"], asset_names=assets
+            )
+        else:
+            net = 1.0 if self.net is None else self.net
+            rows = long_short(assets, gross=self.long_short, net=net, shortable=self.shortable)
+        if self.max_weight is not None:
+            rows = rows & max_weights(assets, self.max_weight)
+        if self.min_weight is not None:
+            rows = rows & min_weights(assets, self.min_weight)
+        if (self.sectors is None) != (self.sector_cap is None):
+            one, other = ("sectors", "sector_cap") if self.sector_cap is None else ("sector_cap", "sectors")
+            raise InputError(
+                f"{one} and {other} go together: which assets a sector has, and how much of it may be held"
+            )
+        if self.sectors is not None and self.sector_cap is not None:
+            known = self.resolved(assets, folder).sectors
+            assert isinstance(known, dict)
+            rows = rows & group_caps(assets, known, self.sector_cap)
+        return rows
+
+    def resolved(self, assets: tuple[str, ...], folder: Path = Path()) -> LimitsPart:
+        """Return the limits with the sectors of a file as a table, so that they no longer need it."""
+        if not isinstance(self.sectors, str):
+            return self
+        return self.model_copy(update={"sectors": read_sectors(folder / self.sectors, assets=assets)})
+
+    def over(self, other: LimitsPart) -> LimitsPart:
+        """Return other limits, with the limits given here replacing theirs."""
+        return other.model_copy(update=self.model_dump(exclude_none=True))
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there are no limits."""
+        return not self.model_dump(exclude_none=True)

@@ -39,6 +39,8 @@ _HIDDEN_WIDTH = 4.4
 # Paul Tol's muted scheme, which colour-blind readers can tell apart, and a grey for all other assets together.
 _ASSET_COLOURS = ("#332288", "#88CCEE", "#44AA99", "#117733", "#999933", "#DDCC77", "#CC6677", "#882255", "#AA4499")
 _OTHERS = "#BBBBBB"
+_APART = 400
+"""Decisions over time whose marks have their full size: on the page's width more of them cover one another."""
 _STEEP = 15.0
 """If regrets exceed this multiple of the budget, their axis is logarithmic beyond the budget."""
 _WIDE = 4.0
@@ -194,7 +196,7 @@ def draw_privacy_and_cost(result: Backtest, folder: Path) -> list[Path]:
                 "color": look.colour,
                 "marker": look.marker,
                 "linestyle": "none",
-                "markersize": 2.6,
+                "markersize": 2.6 * min(1.0, np.sqrt(_APART / len(path))),
                 "zorder": order,
             }
             privacy = path["privacy"].where(np.isfinite(path["privacy"]))

@@ -259,7 +259,7 @@ def _judged(log_likelihood: Array, laws: tuple[Array, Array], beliefs: Array, to
     accuracy = np.minimum((posterior @ top).max(axis=1), 1.0)
     ratio = 1.0 / (posterior @ (shares / np.maximum(weights, tolerances.TINY)))
     figures = np.maximum(gain, 0.0), squared, accuracy, surprise, posterior @ apart - weights @ apart
-    return _Sampled(*(ratio * each for each in figures), ratio - 1.0)
+    return _Sampled._make([*(ratio * each for each in figures), ratio - 1.0])
 
 
 def _limits(joint: Joint) -> tuple[float, float]:

@@ -464,3 +464,16 @@ def test_views_of_weights_that_are_all_at_limits_are_among_those_that_explain_th
         worst = mean - (beyond - beyond[weights == 0.0].max() + 1e-3) * (weights > 0.0)
         assert not views.contains(worst)
     assert n_held >= 3
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-3, 1e-6, 1e-8])
+@pytest.mark.parametrize("has_budget", [False, True])
+def test_the_farthest_decoy_is_found_whatever_the_units_of_signals(unit: float, has_budget: bool) -> None:
+    """Θ⁻¹ = D⁻¹ Θ₁⁻¹ D⁻¹ with Θ₁ that of unit 1: its greatest eigenvalue is the square of the privacy a unit of regret buys."""
+    loads, sizes = np.array([[1.0, 0.5], [0.2, 1.0], [0.3, 0.3]]), np.array([1.0, unit])
+    region = Polyhedron(A_eq=np.ones((1, 3)), b_eq=[1.0]) if has_budget else None
+    plain, scaled = (AlphaProblem(np.eye(3) * 0.04, 2.5, region, each) for each in (loads, loads * sizes))
+    greatest = np.linalg.eigvalsh(np.linalg.inv(plain.theta) / np.outer(sizes, sizes))[-1]
+    found = obfuscated_decision(scaled, [0.1, 0.2 / unit], Budget.regret(1e-3))
+    assert found.privacy == pytest.approx(np.sqrt(1e-3 * greatest), rel=1e-6)
+    assert found.regret == pytest.approx(1e-3, rel=1e-4)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import brentq
@@ -62,7 +63,11 @@ class MeanRays:
         """Return Θ⁺x, for x orthogonal to the equalities' rows; without loadings in proportion to it."""
         if self.problem.loadings is None:
             return self.problem.risk.times(apart)
-        return np.asarray(np.linalg.lstsq(self.problem.theta, apart, rcond=tolerances.CURVATURE)[0])
+        return np.asarray(self._inverse @ apart)
+
+    @cached_property
+    def _inverse(self) -> Array:
+        return inverse_of(self.problem.theta)[0]
 
     def _end(self, layout: Layout, way: Array) -> Array:
         """Return the decision at the end of a ray; u*(m) where the ray's start is not affordable."""
@@ -161,3 +166,20 @@ def _last_below(function: Callable[[float], float], low: float, high: float) -> 
     while function(found) > 0:
         found -= 0.5 * share * high
     return max(found, low)
+
+
+def inverse_of(theta: Array) -> tuple[Array, int]:
+    """Return Θ⁺ and the rank of Θ, whatever the units of its coordinates.
+
+    Formula: Θ⁺ = P G P, with P the projector on the range of Θ and G = D⁻¹ (D⁻¹ΘD⁻¹)⁺ D⁻¹ for D² the diagonal of Θ: an
+    eigenvalue of D⁻¹ΘD⁻¹ below `CURVATURE` of the largest is none.
+    """
+    unit = np.sqrt(np.where(np.diag(theta) > 0.0, np.diag(theta), 1.0))
+    values, axes = np.linalg.eigh(theta / np.outer(unit, unit))
+    curved = values > max(tolerances.CURVATURE * float(values[-1]), 0.0)
+    found = (axes[:, curved] / values[curved]) @ axes[:, curved].T / np.outer(unit, unit)
+    if not curved.all():
+        flat = np.linalg.qr(axes[:, ~curved] / unit[:, None])[0]
+        inside = np.eye(len(unit)) - flat @ flat.T
+        found = inside @ found @ inside
+    return np.asarray(0.5 * (found + found.T)), int(curved.sum())

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from inscrutable import tolerances, validation
-from inscrutable.alphas.mean_rays import MeanRays
+from inscrutable.alphas.mean_rays import MeanRays, inverse_of
 from inscrutable.alphas.problem import AlphaProblem, checked_alpha_problem
 from inscrutable.alphas.views import implied_views
 from inscrutable.budgets import Budget, as_budget
@@ -120,11 +120,10 @@ def _cheapest_directions(problem: AlphaProblem, most: int) -> Array:
             risk, k=most, which="LA", v0=inside(np.sqrt(problem.risk.diagonal)), tol=tolerances.STATIONARITY
         )[1]
         return np.asarray(vectors.T[::-1])
-    values, vectors = np.linalg.eigh(problem.theta)
-    curved = np.flatnonzero(values > tolerances.CURVATURE * max(float(values[-1]), 0.0))
-    if not curved.size or values[-1] <= 0.0:
+    inverse, rank = inverse_of(problem.theta)
+    if not rank:
         raise ModelError("no signal moves any decision: decisions reveal nothing, and there is nothing to hide")
-    return np.asarray(vectors[:, curved[:most]].T)
+    return np.asarray(np.linalg.eigh(inverse)[1].T[::-1][: min(rank, most)])
 
 
 def _searched(problem: AlphaProblem, mean: Array, limit: float, directions: Array) -> AlphaDecision:

@@ -569,9 +569,10 @@ def test_a_saved_model_and_its_file_have_the_same_limits_replaced(tmp_path, more
 def test_limits_that_a_saved_model_does_not_name_are_not_replaced(tmp_path):
     region = simplex(3) & max_weights(3, 0.6)
     problem = MarkowitzProblem(own().problem.means, own().problem.covariances, 5.0, region)
-    replace(own(), problem=problem, limits=None).save(tmp_path / "model.json")
-    with pytest.raises(InputError, match="does not name the limits"):
-        investor_of(tmp_path / "model.json", LimitsPart(min_weight=0.1))
+    for limits in (None, LimitsPart(), LimitsPart(max_weight=0.7)):
+        replace(own(), problem=problem, limits=limits).save(tmp_path / "model.json")
+        with pytest.raises(InputError, match="does not name the limits"):
+            investor_of(tmp_path / "model.json", LimitsPart(min_weight=0.1))
     assert investor_of(tmp_path / "model.json", LimitsPart(turnover=0.1)).turnover == 0.1
 
 

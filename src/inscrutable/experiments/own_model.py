@@ -236,12 +236,15 @@ def _limited(model: InvestorModel, limits: LimitsPart, path: Path) -> InvestorMo
     given = limits.model_copy(update={"turnover": None})
     if given.is_empty:
         return replace(model, turnover=turnover)
-    if model.limits is None and not is_simplex(problem):
-        raise InputError(
-            f"{path} does not name the limits of its feasible set, so that none of them can be replaced: give all limits in a "
-            "model.toml, or repeat the backtest that wrote the file"
-        )
-    known = given.over(model.limits or LimitsPart()).resolved(model.assets)
+    held = model.limits or LimitsPart()
+    if held.region(model.assets).names != problem.constraints.names:  # a problem of other limits
+        if not is_simplex(problem):
+            raise InputError(
+                f"{path} does not name the limits of its feasible set, so that none of them can be replaced: give all limits "
+                "in a model.toml, or repeat the backtest that wrote the file"
+            )
+        held = LimitsPart()
+    known = given.over(held).resolved(model.assets)
     limited = MarkowitzProblem(problem.means, problem.covariances, problem.risk_aversion, known.region(model.assets))
     return replace(model, problem=limited, turnover=turnover, limits=known)
 

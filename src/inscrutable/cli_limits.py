@@ -69,7 +69,7 @@ def share_of(text: str, option: str) -> float:
     """Return the number of "0.25" or "25%"; what can only be a percentage needs its sign."""
     number, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
     try:
-        share = float(number) * (0.01 if percent else 1.0)
+        share = float(number) / (100.0 if percent else 1.0)
     except ValueError:
         raise UsageError(f"{option} {text}: expected a number such as 0.25 or 25%") from None
     if not percent and share > _LARGEST.get(option, _LARGEST_WEIGHT):

@@ -224,9 +224,7 @@ class AlphaSequence(KeptInFile):
         self._published = True
 
     def observe(self, public: ArrayLike | None = None) -> None:
-        """End the step with the public observation `public`, (q,): None where the world has no public sensor.
-
-        Labels are aligned with the world's.
+        """End the step with the public observation `public`, (q,), labels aligned: None where the world has no public sensor.
 
         Without a decision before it, the step ends without one.
 

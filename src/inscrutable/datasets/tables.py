@@ -68,7 +68,7 @@ class WeightsTable:
             low, high = (f"{100.0 * each:.5g}%" for each in self.sums)
             told.append(
                 f"Caution: the weights add up to {low if low == high else f'{low} to {high}'}, not to 100%, and are scaled to "
-                "the sum 1; a holding may be missing."
+                "the sum 1; a holding may be missing, or stand twice."
             )
         if self.left_out > 0:
             told.append(

@@ -47,6 +47,22 @@ def world(rng: np.random.Generator) -> tuple[FiniteProblem, Prior]:
     return FiniteProblem(rng.normal(size=(3, 4))), Prior(beliefs, weights)
 
 
+@pytest.mark.parametrize("maker", [RateDistortionDecisionMaker, StackelbergDecisionMaker])
+def test_a_belief_that_a_prior_lists_twice_is_one(maker: Any) -> None:
+    rng = np.random.default_rng(FRESH)
+    problem, prior = world(rng)
+    copied, total = prior.weights[:2], 1.0 + prior.weights[:2].sum()
+    twice = Prior(np.vstack([prior.beliefs, prior.beliefs[:2]]), np.append(prior.weights, copied) / total)
+    once = Prior(prior.beliefs, np.append(2 * copied, prior.weights[2:]) / total)
+    cap = PointwiseLeakageCap(0.2)
+    limit = Budget.regret(1.2 * least_regret(problem, once, [cap]).mechanism.expected_regrets.max())
+    one, two = (maker(problem, limit, prior=law, guarantees=[cap]) for law in (once, twice))
+    assert two.mechanism.beliefs == pytest.approx(prior.beliefs)
+    assert two.mechanism.expected_regrets == pytest.approx(one.mechanism.expected_regrets, abs=1e-5)
+    assert cap.reached(two.mechanism, twice, problem) <= cap.limit + 1e-9
+    assert len(least_regret(problem, twice, [cap]).mechanism.beliefs) == len(prior)
+
+
 def asked(rng: np.random.Generator, prior: Prior) -> list[Any]:
     drawn = [
         PointwiseLeakageCap(rng.uniform(0.05, 0.8)),

@@ -384,6 +384,15 @@ def test_an_unfinished_run_of_other_settings_is_set_aside(
     reproduce(SETTINGS, jobs=1, folder=tmp_path)
     assert (tmp_path / BEFORE).read_bytes() == stopped, "a finished one makes room"
     assert caplog.text == ""
+    for place, settings in ((1, SETTINGS), (0, SETTINGS.model_copy(update={"markets": 5}))):
+        later = (tmp_path / STORE).read_bytes()
+        interrupted_at(place, monkeypatch)
+        with pytest.raises(KeyboardInterrupt):
+            reproduce(settings, jobs=1, folder=tmp_path)
+        monkeypatch.undo()
+    assert (tmp_path / BEFORE).read_bytes() == stopped, "the rows of the first run stay"
+    assert (tmp_path / "before-2.sqlite").read_bytes() == later
+    assert "its rows are now in before-2.sqlite" in caplog.text
 
 
 def test_another_study_in_the_folder_is_left_alone(tmp_path: Path) -> None:

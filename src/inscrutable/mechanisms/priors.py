@@ -188,10 +188,20 @@ def predicted(prior: Prior, world: HiddenMarkovModel) -> tuple[Prior, np.ndarray
 
     Points that become one, because the transition has equal rows or others that depend on each other, are one.
     """
-    points = prior.beliefs @ world.transition
-    first, place = np.unique(first_same(points, tolerances.SAME_BELIEF), return_inverse=True)
-    weights: Array = np.bincount(place, weights=prior.weights).astype(np.float64)
-    return Prior(points[first], weights), place
+    return _merged(prior.beliefs @ world.transition, prior.weights)
+
+
+def without_copies(prior: Prior) -> Prior:
+    """Return a prior that lists every belief once, with all its weight; itself where it does."""
+    found, _ = _merged(prior.beliefs, prior.weights)
+    return prior if len(found) == len(prior) else found
+
+
+def _merged(beliefs: Array, weights: Array) -> tuple[Prior, np.ndarray]:
+    """Return the law of beliefs (B,X) with weights (B,), equal ones joined, and the place of each there."""
+    first, place = np.unique(first_same(beliefs, tolerances.SAME_BELIEF), return_inverse=True)
+    joined: Array = np.bincount(place, weights=weights).astype(np.float64)
+    return Prior(beliefs[first], joined), place
 
 
 def checked_prior(prior: Any, n_states: int | None = None) -> Prior:

@@ -18,7 +18,7 @@ from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.results import MixedDecision, MixedDecisions, Progress
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
-from inscrutable.mechanisms.priors import checked_prior
+from inscrutable.mechanisms.priors import checked_prior, without_copies
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
@@ -73,7 +73,7 @@ class AwareDecisionMaker(Described, ABC, Generic[Solution]):
     ) -> None:
         self.problem = checked_problem(problem)
         self.budget = as_budget(budget)
-        self.prior = checked_prior(prior, self.problem.n_states)
+        self.prior = without_copies(checked_prior(prior, self.problem.n_states))
         self.options, self.guarantees = options, guarantees
         self._given = candidates
         self._columns: Columns | None = None

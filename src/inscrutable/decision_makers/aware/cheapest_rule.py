@@ -20,7 +20,7 @@ from inscrutable.decision_makers.results import DecisionStatus, MixedDecision, M
 from inscrutable.errors import InputError, ModelError, SolverError
 from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Mechanism, Prior
-from inscrutable.mechanisms.priors import checked_prior
+from inscrutable.mechanisms.priors import checked_prior, without_copies
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.saved import Summarised
@@ -187,9 +187,9 @@ def least_regret(
         >>> round(found.regret, 3), round(1 - np.e / 3, 3)
         (0.094, 0.094)
     """
-    search = RegretSearch(
-        checked_problem(problem), checked_prior(prior, problem.n_states), candidates, validation.positive(gap, "gap")
-    )
+    checked_problem(problem)
+    held = without_copies(checked_prior(prior, problem.n_states))
+    search = RegretSearch(problem, held, candidates, validation.positive(gap, "gap"))
     return search.found(checked_guarantees(guarantees))
 
 

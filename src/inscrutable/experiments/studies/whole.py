@@ -7,6 +7,7 @@ import tomllib
 from collections.abc import Callable
 from contextlib import closing
 from importlib import resources
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
@@ -28,7 +29,7 @@ from inscrutable.experiments.studies.tasks import FAILED, Row
 from inscrutable.files import PathLike
 
 BEFORE = "before.sqlite"
-"""File to which the rows of an unfinished run are moved when another run begins in its folder."""
+"""File to which the rows of an unfinished run are moved when another run begins in its folder; the next is before-2.sqlite."""
 _LOGGER = logging.getLogger(__name__)
 
 _Plan = TypeVar("_Plan", bound=PlanFile)
@@ -156,10 +157,15 @@ def _set_aside(place: Path) -> None:
         return
     found = Study.load(place)
     if 0 < found.status().done < found.n_tasks:
-        (place / STORE).replace(place / BEFORE)
+        kept = place / BEFORE
+        for number in count(2):
+            if not kept.exists():
+                break
+            kept = place / f"{Path(BEFORE).stem}-{number}.sqlite"
+        (place / STORE).replace(kept)
         _LOGGER.warning(
             "inscrutable: %s held an unfinished run of other settings or versions; its rows are now in %s",
             place,
-            BEFORE,
+            kept.name,
         )
     (place / STORE).unlink(missing_ok=True)

@@ -130,6 +130,9 @@ def test_choices_that_are_missing_are_refused(missing: object) -> None:
     for wrong in ([1.0, missing], np.array([1.0, missing], dtype=object)):
         with pytest.raises(InputError, match="every choice must be known"):
             seen.estimates(wrong)
+    days = np.array(["2024-01-01", "2024-01-02"] * 5 + ["NaT"], dtype="datetime64[D]")
+    with pytest.raises(InputError, match=r"NaT at index \[10\]"):
+        DataAdversary(np.full((11, 2), 0.5), days)
 
 
 def test_choices_may_be_numbers_and_texts() -> None:

@@ -143,7 +143,7 @@ def _distinct(choices: np.ndarray) -> np.ndarray:
 
 def _check_known(choices: np.ndarray) -> None:
     missing = np.isnan(choices) if choices.dtype.kind in "fc" else np.zeros(len(choices), dtype=np.bool_)
-    if choices.dtype.kind == "O":
+    if choices.dtype.kind in "OMm":
         missing = np.array([_is_missing(each) for each in choices], dtype=np.bool_)
     if missing.any():
         i = int(missing.argmax())

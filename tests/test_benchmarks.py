@@ -288,9 +288,10 @@ def test_growth_is_drawn(tmp_path):
 # --- each benchmark -------------------------------------------------------------------------------------------------
 
 
-# The processes of `start` do what test_first_calls.py and test_package.py have processes do.
+# The processes of `start` do what test_first_calls.py and test_package.py have processes do; what `large` searches,
+# test_large_search.py does.
 @pytest.mark.parametrize(
-    "name", [pytest.param(each, marks=pytest.mark.audit) if each == "start" else each for each in GROUPS]
+    "name", [pytest.param(each, marks=pytest.mark.audit) if each in ("start", "large") else each for each in GROUPS]
 )
 def test_the_benchmark_runs_at_a_tiny_size(name, tmp_path, monkeypatch):
     monkeypatch.setattr(growth, "measured_apart", lambda asked, _: point.measured(asked))  # apart: once, above

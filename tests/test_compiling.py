@@ -58,6 +58,7 @@ def wait_for(notice: CompilationNotice, seconds: float) -> None:
         timer.join(seconds)
 
 
+@pytest.mark.audit  # a new process compiles for 10 s
 def test_a_first_decision_compiles_no_search_and_says_so_once(tmp_path: Path) -> None:
     """One line on a fresh machine, and nothing in a second run, which compiles nothing."""
     if config.DISABLE_JIT:

@@ -198,10 +198,10 @@ def test_two_processes_give_the_same_bytes(whole: Study, tmp_path: Path) -> None
     assert [each.done for each in seen] == sorted(each.done for each in seen)
 
 
+@pytest.mark.audit  # three sets of worker processes are started
 def test_a_killed_worker_loses_no_row_but_of_a_task_that_no_worker_survives(
     whole: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Processes that the test above has started, if it ran here, do the first tasks, and the test below has the last ones."""
     monkeypatch.setattr(executors, "chunk_of_rows", partial(deadly, tmp_path))
     monkeypatch.setattr(executors, "_LOSSES", 2)
     other = run_study(Study.of(SMALL), tmp_path / "out", jobs=2).frame()
@@ -703,6 +703,7 @@ run_study(Study.of(json.loads(sys.argv[2])), sys.argv[1], jobs=2)
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="asks Linux which processes are left")
+@pytest.mark.audit  # every process imports the package
 @pytest.mark.parametrize("script", [ORPHANS, EARLY_ORPHANS], ids=["at work", "while they start"])
 def test_worker_processes_do_not_outlive_a_killed_run(script: str, tmp_path: Path) -> None:
     command = [sys.executable, "-c", script, str(tmp_path), PLAN]

@@ -55,6 +55,17 @@ def cluster(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]
 
 
 @with_dask
+@pytest.mark.filterwarnings("ignore")  # of a client that closes after its scheduler
+def test_a_cluster_of_threads_gives_the_same_rows(tmp_path: Path) -> None:
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=2, processes=False, dashboard_address=None, protocol="tcp://") as threads:
+        study = run_study(Study.of(SMALL), tmp_path / "out", cluster=threads.scheduler_address)
+    assert table(study) == table(run_study(Study.of(SMALL), tmp_path / "serial"))
+
+
+@with_dask
+@pytest.mark.audit  # four processes import the package
 @pytest.mark.filterwarnings("ignore")  # of connections to the worker that is gone
 def test_a_cluster_that_loses_a_worker_gives_the_same_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     serial = run_study(Study.of(PLAN), tmp_path / "serial")

@@ -218,7 +218,7 @@ def pypsa_like(**changes):
         "lines": table({**lines, "s_max_pu": 1.0, "active": True}, ["ab", "bc", "ac"]),
         "lines_t": {"s_max_pu": table(index=["noon", "night"])},
         "generators": table({**generators, **costs, "active": True}, ["g1", "g2"]),
-        "generators_t": {key: table(index=["noon", "night"]) for key in (*generators, *costs)},
+        "generators_t": {key: table(index=["noon", "night"]) for key in (*generators, *costs, "p_set")},
         "loads": table({"bus": ["c", "c"], "p_set": [90.0, 20.0], "active": [True, False]}, ["l", "off"]),
         "loads_t": {"p_set": table({"l": [100.0, 60.0]}, ["noon", "night"])},
         "calculate_dependent_values": lambda: None,
@@ -237,9 +237,26 @@ def test_a_network_with_the_tables_of_pypsa():
         ({"links": kept}, r"has links in service \(cable\)"),
         ({"generators": pypsa_like().generators.assign(p_nom_extendable=True)}, "to be extended"),
         ({"lines": pypsa_like().lines.assign(x_pu_eff=0.0)}, "'ab' has no reactance"),
+        ({"processes": kept}, r"has processes in service \(cable\)"),
+        ({"global_constraints": pd.DataFrame({"sense": ["<="]}, ["co2"])}, r"global_constraints in service \(co2\)"),
+        ({"buses": pypsa_like().buses.assign(carrier=["AC", "DC", "AC"])}, "the buses b are of direct current"),
+        *(
+            ({"generators": pypsa_like().generators.assign(**{key: values})}, f"the generators g2 {said}")
+            for key, values, said in (
+                ("committable", [False, True], "are committed"),
+                ("p_set", [np.nan, 20.0], "have a fixed output"),
+                ("sign", [1.0, -1.0], "have a sign"),
+                ("e_sum_max", [np.inf, 10.0], "have a limit e_sum_max"),
+                ("e_sum_min", [-np.inf, 10.0], "have a limit e_sum_min"),
+            )
+        ),
     ):
         with pytest.raises(InputError, match=said):
             ins.from_pypsa(pypsa_like(**changes))
+    fed = pypsa_like().loads.assign(sign=[-1.0, 1.0], active=True)
+    assert dispatch_problem(ins.from_pypsa(pypsa_like(loads=fed))).optimal_cost([1.0]) == pytest.approx(
+        800 + 0.02 * 80**2
+    )
     with pytest.raises(InputError, match="snapshot 'dawn' is none of noon, night"):
         ins.from_pypsa(pypsa_like(), "dawn")
 

@@ -29,9 +29,6 @@ from inscrutable import (
 from inscrutable.budgets import written_budget
 from inscrutable.cli import main
 from inscrutable.datasets import (
-    dollars_13f,
-    only_shares,
-    read_13f,
     read_beliefs,
     read_holdings,
     read_labelled_matrix,
@@ -266,79 +263,6 @@ def test_odd_models_are_named(case, tmp_path):
         investor_of(path)
     assert message in str(caught.value)
     assert str(path) in str(caught.value)
-
-
-def table_13f(**columns):
-    rows = {"CUSIP": ["037833100", "594918104"], "VALUE": [200, 100], "SSHPRNAMT": [1500, 400],
-            "SSHPRNAMTTYPE": ["SH", "SH"], "PUTCALL": ["", ""]}  # fmt: skip
-    return pd.DataFrame({**rows, **columns})
-
-
-def test_13f_values_are_thousands_before_and_dollars_from_3_january_2023():
-    thousands = dollars_13f(table_13f(), filed="2023-01-02")
-    assert thousands["value"].tolist() == [200_000.0, 100_000.0]
-    dollars = dollars_13f(table_13f(VALUE=[200_000, 100_000]), filed="03-JAN-2023")
-    assert dollars["value"].tolist() == [200_000.0, 100_000.0]
-    edgar = table_13f().set_axis(["Cusip", "Value", "SharesPrnAmount", "Type", "PutCall"], axis=1)
-    edgar = edgar.assign(Ticker=["AAPL", "MSFT"], Issuer=["APPLE INC", "MICROSOFT CORP"], Type="Shares")
-    assert dollars_13f(edgar, filed="2022-11-14")["ticker"].tolist() == ["AAPL", "MSFT"]
-    twice = table_13f(CUSIP=["037833100", "37833100"])
-    assert dollars_13f(twice, filed="2022-11-14")["value"].tolist() == [300_000.0]
-    assert len(only_shares(table_13f(PUTCALL=["Put", ""]))) == 1
-
-
-@pytest.mark.parametrize(
-    ("columns", "filed", "message"),
-    [
-        ({"PUTCALL": ["Put", ""]}, "2022-11-14", "options"),
-        ({"SSHPRNAMTTYPE": ["SH", "PRN"]}, "2022-11-14", "principal amounts"),
-        ({"VALUE": [200, -1]}, "2022-11-14", "value -1 and shares"),
-        ({"VALUE": ["200", "many"]}, "2022-11-14", "many"),
-        ({}, "2023-02-14", "look like thousands"),
-        ({"VALUE": [200_000_000, 100_000_000]}, "2022-11-14", "look like dollars"),
-        ({"ACCESSION_NUMBER": ["1", "2"]}, "2022-11-14", "several filings"),
-        ({}, "last year", "no day of filing"),
-    ],
-)
-def test_traps_of_13f_are_named(columns, filed, message):
-    with pytest.raises(InputError, match=message):
-        dollars_13f(table_13f(**columns), filed=filed)
-
-
-def test_13f_without_columns_or_rows():
-    with pytest.raises(InputError, match="no column VALUE"):
-        dollars_13f(table_13f().drop(columns="VALUE"), filed="2022-11-14")
-    with pytest.raises(InputError, match="no rows"):
-        dollars_13f(table_13f().iloc[:0], filed="2022-11-14")
-
-
-def test_quarters_of_a_manager_with_amendments(tmp_path):
-    """A restatement replaces, new holdings are added, each in the unit of its own day of filing."""
-    filings = [("1", "14-NOV-2022", "13F-HR", ""), ("2", "20-FEB-2023", "13F-HR/A", "RESTATEMENT"),
-               ("3", "01-MAR-2023", "13F-HR/A", "NEW HOLDINGS")]  # fmt: skip
-    submission = [(a, day, kind, "77", "30-SEP-2022") for a, day, kind, _ in filings]
-    pd.DataFrame(
-        submission, columns=["ACCESSION_NUMBER", "FILING_DATE", "SUBMISSIONTYPE", "CIK", "PERIODOFREPORT"]
-    ).to_csv(tmp_path / "SUBMISSION.tsv", sep="\t", index=False)
-    covers = pd.DataFrame([(a, kind) for a, _, _, kind in filings], columns=["ACCESSION_NUMBER", "AMENDMENTTYPE"])
-    covers.to_csv(tmp_path / "COVERPAGE.tsv", sep="\t", index=False)
-    rows = [("1", "A", 900, 9000), ("2", "A", 300_000, 3000), ("3", "B", 100_000, 2000), ("3", "C", 100_000, 2000)]
-    holdings = pd.DataFrame(
-        [(a, c.zfill(9), v, s, "SH", "") for a, c, v, s in rows],
-        columns=["ACCESSION_NUMBER", "CUSIP", "VALUE", "SSHPRNAMT", "SSHPRNAMTTYPE", "PUTCALL"],
-    )
-    holdings.to_csv(tmp_path / "INFOTABLE.tsv", sep="\t", index=False)
-    names = {"A".zfill(9): "Oil", "B".zfill(9): "Food"}
-    found = read_13f(tmp_path, cik=77, assets=ASSETS, names=names)
-    np.testing.assert_allclose(found.frame.to_numpy(), [[0.75, 0.25, 0.0]])
-    assert found.left_out == pytest.approx(0.2)
-    with pytest.raises(InputError, match="CIK 78 filed no holdings"):
-        read_13f(tmp_path, cik=78, assets=ASSETS, names=names)
-    with pytest.raises(InputError, match="names has 'Gold'"):
-        read_13f(tmp_path, cik=77, assets=ASSETS, names={"A": "Gold"})
-    covers.assign(AMENDMENTTYPE="").to_csv(tmp_path / "COVERPAGE.tsv", sep="\t", index=False)
-    with pytest.raises(InputError, match="says neither RESTATEMENT nor NEW HOLDINGS"):
-        read_13f(tmp_path, cik=77, assets=ASSETS, names=names)
 
 
 # Wrong calls of the verbs: arguments (M is the model, W weights, B a broker's file), exit code, what is said.

@@ -18,7 +18,7 @@ from inscrutable.validation import Array
 
 _TABLES = ("bus", "gen", "branch", "gencost")
 _LEAST_COLUMNS = {"bus": 5, "gen": 10, "branch": 11, "gencost": 5}
-_LINES, _CLOSED = ("lines", "transformers"), ("links", "stores", "storage_units")
+_LINES, _CLOSED = ("lines", "transformers"), ("links", "stores", "storage_units", "processes", "global_constraints")
 
 
 def from_pandapower(net: Any, *, convention: Convention = "matpower") -> PowerNetwork:
@@ -94,8 +94,9 @@ def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
         A network for `dispatch_problem`.
 
     Raises:
-        InputError: `network` is not a PyPSA network, has no such snapshot, or has links, stores or storage units in service or
-            extendable capacities, which the dispatch problem does not support.
+        InputError: `network` is not a PyPSA network, has no such snapshot, or has what the dispatch problem does not support:
+            links, processes, stores or storage units in service, global constraints, extendable capacities, buses of direct
+            current, generators that are committed, of fixed output, of negative sign or of limited energy.
 
     Cost: O(elements). Source: Brown, Hörsch, Schlachtberger, PyPSA (Journal of Open Research Software 6, 2018).
 
@@ -112,22 +113,26 @@ def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
     if snapshot not in network.snapshots:
         raise InputError(f"snapshot {snapshot!r} is none of {few(network.snapshots)}")
     for name in _CLOSED:
-        kept = _active(getattr(network, name))
+        kept = _active(getattr(network, name, ()))  # older versions have no processes
         if len(kept):
             raise InputError(
                 f"the network has {name} in service ({few(kept.index)}), which a dispatch here does not know"
             )
     network.calculate_dependent_values()
+    direct = network.buses.index[network.buses["carrier"] == "DC"] if "carrier" in network.buses else ()
+    if len(direct):
+        raise InputError(f"the buses {few(direct)} are of direct current, whose flow depends on resistances")
     loads = Series(0.0, index=list(network.buses.index))
     demand = _at(network, "loads", "p_set", snapshot)
     for name, row in _active(network.loads).iterrows():
-        loads[row["bus"]] += demand[name]
+        loads[row["bus"]] -= row.get("sign", -1.0) * demand[name]
     if len(network.shunt_impedances):
         logging.getLogger(__name__).warning(
             "inscrutable: shunt impedances are no load of a linear flow in PyPSA; left out"
         )
     units = _active(network.generators)
     _check_fixed(units, "p_nom_extendable", "generators")
+    _check_units(network, units, snapshot)
     size = units["p_nom"].to_numpy(dtype=np.float64)
     least, most, slope, curvature = (
         _at(network, "generators", key, snapshot)[units.index].to_numpy(dtype=np.float64)
@@ -155,6 +160,20 @@ def _check_fixed(table: Any, key: str, what: str) -> None:
         raise InputError(
             f"the {what} {few(extendable)} are to be extended; a dispatch here takes capacities as they are"
         )
+
+
+def _check_units(network: Any, units: Any, snapshot: Any) -> None:
+    """Raise `InputError` where a generator has what changes its dispatch and is not read."""
+    fixed = _at(network, "generators", "p_set", snapshot)[units.index].notna() if "p_set" in units else ()
+    for found, what in (
+        (units.get("committable", 0) != 0, "are committed, which is no convex problem"),
+        (fixed, "have a fixed output p_set: give them equal p_min_pu and p_max_pu"),
+        (units.get("sign", 1.0) != 1.0, "have a sign other than 1"),
+        (np.isfinite(units.get("e_sum_max", np.inf)), "have a limit e_sum_max on their energy"),
+        (np.isfinite(units.get("e_sum_min", -np.inf)), "have a limit e_sum_min on their energy"),
+    ):
+        if np.any(found):
+            raise InputError(f"the generators {few(units.index[found])} {what}; a dispatch here does not know that")
 
 
 def _at(network: Any, name: str, key: str, snapshot: Any) -> Series:

@@ -71,9 +71,10 @@ class WeightsTable:
                 "the sum 1; a holding may be missing, or stand twice."
             )
         if self.left_out > 0:
+            named = f" ({', '.join(self.others)})" if self.others else ""
             told.append(
-                f"Note: up to {self.left_out:.1%} of a row's value is left out ({', '.join(self.others)}); the weights are "
-                "those of the rest, scaled to the sum 1."
+                f"Note: up to {self.left_out:.1%} of a row's value is left out{named}; the weights are those of the rest, "
+                "scaled to the sum 1."
             )
         if self.owed:
             told.append(

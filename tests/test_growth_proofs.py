@@ -108,7 +108,7 @@ def test_a_cell_with_the_nearest_belief_of_a_decision_is_never_left_out(seed):
     belief = rng.dirichlet(np.full(n_states, 2.0))
     cells = cells_of(problem, belief)
     fibres = Fibres(cells)
-    for _ in range(25):
+    for _ in range(instances(25, least=6)):
         decoy = rng.dirichlet(np.full(n_states, 0.7))
         nearest = np.maximum(consistent_beliefs(problem, problem.solve(decoy)).nearest(belief), 0.0)
         nearest /= nearest.sum()

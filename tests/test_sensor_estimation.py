@@ -371,7 +371,7 @@ def test_nothing_is_known_of_a_state_that_no_belief_holds_possible() -> None:
     np.testing.assert_allclose(found.intervals[2], np.tile([0.0, 1.0], (3, 1)))
 
 
-@pytest.mark.parametrize("seed", [1, 11, 16])
+@pytest.mark.parametrize("seed", some([1, 11, 16], 2))
 def test_a_world_is_estimated_from_noisy_beliefs_where_a_trial_rules_a_state_out(seed: int) -> None:
     """The square of a ratio to its predicted probability overflowed, and an error of linear algebra ended the estimate."""
     rng, transition = np.random.default_rng(seed), [[0.5, 0.5], [0.3, 0.7]]
@@ -389,13 +389,13 @@ def test_a_world_is_estimated_from_noisy_beliefs_where_a_trial_rules_a_state_out
         [
             (2, 2, 1e-3, True),
             (2, 2, 1e-3, False),
-            (3, 2, 1e-9, False),
-            (3, 2, 1e-9, True),
             (3, 2, 1e-4, True),
+            (3, 2, 1e-9, True),
+            (3, 2, 1e-9, False),
             (3, 2, 1e-4, False),
             (3, 3, 1e-3, True),
         ],
-        2,
+        4,
     ),
 )
 def test_beliefs_with_errors_have_a_world_that_explains_them(

@@ -16,9 +16,11 @@ from inscrutable import (
     CostLearningAdversary,
     CounterAdversarialDecisionMaker,
     DecisionProblem,
+    decoy_grid,
     dispatch_problem,
     load_ieee_30_bus,
 )
+from sizes import audited, paired
 
 
 def smooth() -> DecisionProblem:
@@ -37,12 +39,21 @@ def network() -> DecisionProblem:
     return dispatch_problem(load_ieee_30_bus(), [5], [[5.0], [15.0]])
 
 
-@pytest.mark.parametrize("made", [smooth, with_kinks, network])
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda given: pickle.loads(pickle.dumps(given))])
+def maker_of(problem: DecisionProblem) -> CounterAdversarialDecisionMaker:
+    """With few candidates, and in `make audit` with its own."""
+    return CounterAdversarialDecisionMaker(
+        problem, budget=0.1, candidates=None if audited() else decoy_grid(problem, 8)
+    )
+
+
+@pytest.mark.parametrize(
+    ("made", "copied"),
+    paired([smooth, with_kinks, network], [copy.deepcopy, lambda given: pickle.loads(pickle.dumps(given))]),
+)
 def test_a_copy_decides_as_the_first(made: Callable[[], DecisionProblem], copied: Callable[[Any], Any]) -> None:
     problem, belief = made(), [0.4, 0.6]
-    found = CounterAdversarialDecisionMaker(problem, budget=0.1).decide(belief)  # stores what it compiles
-    again = CounterAdversarialDecisionMaker(copied(problem), budget=0.1).decide(belief)
+    found = maker_of(problem).decide(belief)  # stores what it compiles
+    again = maker_of(copied(problem)).decide(belief)
     np.testing.assert_allclose(again.action, found.action, atol=1e-9)
     assert copied(found).regret == found.regret
     assert copied(found).belief_set.contains(found.belief_set.interior_point())

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from inscrutable import DecisionProblem, LinearProblem, PiecewiseLinearProblem, simplex
 from inscrutable.problems.modelled import Modelled
+from sizes import instances
 
 Array = NDArray[np.float64]
 STATES, ASSETS, THREADS = 3, 8, 4
@@ -49,7 +50,7 @@ def shared(problem: Any, asked: Callable[[Any, Array], Array], beliefs: Array) -
         return np.array(list(pool.map(lambda belief: asked(problem, belief), np.concatenate([beliefs, beliefs[::-1]]))))
 
 
-@pytest.mark.parametrize(("make", "rounds"), [(linear, 60), (piecewise_linear, 40)])
+@pytest.mark.parametrize(("make", "rounds"), [(linear, instances(60)), (piecewise_linear, instances(40))])
 def test_threads_share_the_vertices_found(make: Callable[[], DecisionProblem], rounds: int) -> None:
     beliefs = np.random.default_rng(2).dirichlet(np.ones(STATES), 16)
     alone = np.array([make().solve(belief) for belief in beliefs])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from types import FunctionType
+from typing import NamedTuple, cast
 
 import numba
 import numpy as np
@@ -16,9 +18,19 @@ from inscrutable.kernels.climb import Aim
 from inscrutable.kernels.set_distance import NO_ROW, distance_room, nearest_belief
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
-from sizes import some
+from sizes import audited, some
 
-set_distance_model = numba.njit(error_model="numpy")(face_ascent.set_distance_model.py_func)
+
+def as_written() -> Callable[..., None]:
+    """The kernel in Python, with the two that it calls: to compile it takes seconds, which it does in `make audit`."""
+    plain = face_ascent.set_distance_model.py_func
+    if audited():
+        return cast(Callable[..., None], numba.njit(error_model="numpy")(plain))
+    called = {name: getattr(each, "py_func", each) for name, each in vars(face_ascent).items()}
+    return FunctionType(plain.__code__, called)
+
+
+set_distance_model = as_written()
 
 
 class Case(NamedTuple):

@@ -263,7 +263,7 @@ def test_a_delay_on_a_resting_belief_has_a_closed_form() -> None:
 
 
 def test_the_target_of_partial_trades_is_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
-    chain, n_draws = uneven_chain(4), 3000
+    chain, n_draws = uneven_chain(4), 3000 if audited() else 1000
     monkeypatch.setattr(memory_rules, "PAST", 3)
     monkeypatch.setattr(memory_rules, "_LEAST_DRAWS", n_draws * len(chain.prior))
     setting = setting_of(chain)

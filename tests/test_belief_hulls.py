@@ -11,6 +11,7 @@ from inscrutable import tolerances
 from inscrutable.geometry.hulls import described_sets, sum_zero_basis
 from oracles.hulls import affine_hulls
 from oracles.segments import clip_to_segments
+from sizes import instances
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -70,7 +71,7 @@ def test_points_segments_and_nothing_are_as_defined(seed, n_states, k, m, noise)
 def test_near_singular_equations_are_as_defined(n_states, size):
     """A singular value far below the others, above and below what determines a coordinate, and bands of every width."""
     rng = np.random.default_rng(n_states)
-    for _ in range(20):
+    for _ in range(instances(20)):
         equalities, inequalities = systems(rng, 3, n_states - 1, 2, n_states, n_states - 1)
         left, singular, right = np.linalg.svd(equalities @ sum_zero_basis(n_states))
         singular[:, -1] = size

@@ -83,7 +83,7 @@ GOALS = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "budget", "goal"), some(list(product(KINDS, BUDGETS, GOALS)), 31), ids=str)
+@pytest.mark.parametrize(("kind", "budget", "goal"), some(list(product(KINDS, BUDGETS, GOALS)), 52), ids=str)
 def test_the_stream_decides_as_the_search_set_by_set(kind, budget, goal):
     streamed, defined = goal
     problem = problem_of(kind)

@@ -29,7 +29,7 @@ from inscrutable.problems import LinearForm
 from inscrutable.problems.piecewise_linear import PiecewiseLinearProblem
 from inscrutable.testing import check_decision_problem
 from oracles import tied
-from sizes import instances
+from sizes import audited, instances
 from strategies import OwnShares
 
 
@@ -194,8 +194,9 @@ def test_one_state_hides_nothing():
 
 def test_four_states_within_the_limit_of_calls():
     rng = np.random.default_rng(8)
-    problem = LinearProblem(rng.normal(size=(4, 10)), simplex(10) & box([0.0] * 10, [0.4] * 10))
-    for belief in rng.dirichlet(np.ones(4), instances(3, least=2)):
+    size = 10 if audited() else 7
+    problem = LinearProblem(rng.normal(size=(4, size)), simplex(size) & box([0.0] * size, [0.4] * size))
+    for belief in rng.dirichlet(np.ones(4), instances(3, least=1)):
         single, mixed = proved(problem, belief, 0.05)
         assert single.status in (DecisionStatus.PROVED, DecisionStatus.GAP_REACHED)
         assert mixed.privacy_bound <= 1.0101 * mixed.expected_privacy
@@ -259,7 +260,7 @@ class ToldShares(OwnShares):
         return LinearForm(self.costs, self.constraints)
 
 
-@pytest.mark.parametrize("seed", range(instances(4, least=2)))
+@pytest.mark.parametrize("seed", range(instances(4, least=1)))
 def test_linear_costs_of_a_users_own(seed):
     """Told of, they are proved as exactly; not told of, the bound stands above: at the border more might be tied."""
     rng = np.random.default_rng([20270508, seed])
@@ -279,7 +280,8 @@ def test_bounds_of_costs_with_kinks_are_above_all_decisions_of_a_grid(seed):
     problem, belief = PiecewiseLinearProblem(slopes, offsets, simplex(3)), rng.dirichlet(np.ones(3))
     limit = 0.2
     single, mixed = proved(problem, belief, limit)
-    actions = np.vstack([simplex_grid(3, 20), problem.solve(simplex_grid(3, 12))])
+    fine, coarse = (20, 12) if audited() else (10, 6)
+    actions = np.vstack([simplex_grid(3, fine), problem.solve(simplex_grid(3, coarse))])
     regrets = problem.state_costs(actions) @ belief - float(problem.optimal_cost(belief))
     sets = [consistent_beliefs(problem, action) for action in actions]
     away = [found.distance(belief) for found, regret in zip(sets, regrets, strict=True)

@@ -289,7 +289,13 @@ def test_copied_assets_are_refused():
 
 
 @pytest.mark.parametrize(
-    "index", [4, 9, pytest.param(13, marks=pytest.mark.audit), pytest.param(23, marks=pytest.mark.audit)]
+    "index",
+    [
+        4,
+        pytest.param(9, marks=pytest.mark.audit),
+        pytest.param(13, marks=pytest.mark.audit),
+        pytest.param(23, marks=pytest.mark.audit),
+    ],
 )
 def test_no_decoy_of_a_grid_beats_the_optimum(index):
     pytest.importorskip("pyscipopt")

@@ -28,7 +28,7 @@ from inscrutable.decision_makers.aware.stackelberg_game import Game
 from inscrutable.experiments.random_markets import random_market
 from inscrutable.privacy.leaks import silence_regret
 from oracles import markets
-from sizes import instances
+from sizes import audited, instances
 from strategies import SEEDS
 from test_rate_distortion import CORNERS, TWO, market, regrets_of, silence
 
@@ -324,7 +324,7 @@ def test_small_budgets_with_uneven_weights_need_no_more_steps() -> None:
         covariances.append(factor @ factor.T / 8 + np.diag(rng.uniform(0.1, 0.6, 8)))
     problem, beliefs = MarkowitzProblem(means, np.array(covariances), 2.0), uniform_prior(3, 18).beliefs
     prior = Prior(beliefs, np.random.default_rng(0).dirichlet(np.ones(len(beliefs))))
-    candidates = np.asarray(problem.solve(uniform_prior(3, 40).beliefs))
+    candidates = np.asarray(problem.solve(uniform_prior(3, 40 if audited() else 20).beliefs))
     limit = 0.1 * silence_regret(problem, prior.beliefs, prior.weights)
     steps: list[int] = []
     found = StackelbergDecisionMaker(problem, Budget.regret(limit), prior=prior, candidates=candidates, gap=0.01)

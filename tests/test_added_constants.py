@@ -30,7 +30,7 @@ from strategies import OwnShares
 CONSTANTS = [1e4, 1e6, 1e8, -1e6, -1e8]
 SCALES = [1e-6, 1.0, 1e6]
 SAME = 1e-5  # privacies of two searches of one optimum, whose budgets differ by 1e8 roundings
-N_DECOYS = 300
+N_DECOYS = instances(300)
 SLOW = ("growth", "smooth")
 PROVEN = (DecisionStatus.PROVED, DecisionStatus.GAP_REACHED)
 

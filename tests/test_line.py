@@ -20,12 +20,12 @@ from inscrutable import (
 )
 from oracles import enumeration, markets
 from oracles.markets import Market
-from sizes import instances
+from sizes import audited, instances
 
 Array = NDArray[np.float64]
 
 MIN_SLACK = 1e-4
-SHARES = np.linspace(0.0, 1.0, 50_001)
+SHARES = np.linspace(0.0, 1.0, 50_001 if audited() else 5_001)
 HALVINGS = 60
 ROUNDING = 1e-12
 

@@ -118,7 +118,7 @@ def test_relabelled_states_and_scaled_costs_change_nothing(fresh_rng: np.random.
     np.testing.assert_allclose(*found, atol=1e-6)
 
 
-@pytest.mark.parametrize(("regret", "flip"), some(list(product([0.05, 0.1, 0.25], [0.05, 0.1, 0.2])), 4))
+@pytest.mark.parametrize(("regret", "flip"), some(list(product([0.05, 0.1, 0.25], [0.05, 0.1, 0.2])), 8))
 def test_two_states_meet_the_closed_form(regret: float, flip: float) -> None:
     """Bits a step h(p⊛D) − h(D), with p⊛D = p(1 − D) + (1 − p)D, and a regret of D."""
     chain = BeliefChain(Prior(np.eye(2), [0.5, 0.5]), [[1 - flip, flip], [flip, 1 - flip]])

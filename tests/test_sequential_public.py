@@ -32,7 +32,8 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.mechanisms.chains import BeliefChain, filtered_chain
-from sizes import some
+from sizes import instances, paired, some
+from small_runs import draft_simulations
 
 SEED = int(os.environ.get("FRESH_SEED", "0"))
 GUESS = FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
@@ -106,7 +107,8 @@ def test_the_calibration_meets_the_budget() -> None:
     rng = np.random.default_rng([SEED, 4])
     chain = chain_of(np.array([[0.6, 0.4], [0.4, 0.6]]))
     maker = maker_of(chain, information_price=float("inf"))
-    prices = maker.calibration
+    with draft_simulations():
+        prices = maker.calibration
     assert prices.regret == pytest.approx(0.25, abs=0.01)
     assert_a_path_has_its_figures(maker, chain, rng)
 
@@ -189,8 +191,9 @@ def test_a_late_step_is_the_best_against_one_who_reads_meanwhile(disclosure: obj
     )
 
 
-@pytest.mark.parametrize("loss", [None, NamingError()])
-@pytest.mark.parametrize("disclosure", [delayed(1), every(2) | delayed(1)])
+@pytest.mark.parametrize(
+    ("disclosure", "loss"), paired([delayed(1), every(2) | delayed(1)], [None, NamingError()]), ids=str
+)
 def test_what_a_late_observer_holds_is_what_the_adversary_finds(disclosure: object, loss: object) -> None:
     rng = np.random.default_rng([SEED, 10])
     chain = moving(rng)
@@ -218,7 +221,8 @@ def test_a_late_rule_is_calibrated_with_what_is_read() -> None:
     chain = chain_of(np.array([[0.6, 0.4], [0.4, 0.6]]))
     options = {"information_price": float("inf"), "disclosure": every(2) | delayed(1)}
     maker = SequentialDecisionMaker(GUESS, Budget.regret(0.1), chain=chain, rng=rng, **options)
-    prices = maker.calibration
+    with draft_simulations():
+        prices = maker.calibration
     assert prices.regret == pytest.approx(0.1, abs=0.005)
     assert_a_path_has_its_figures(maker, chain, rng)
 
@@ -247,7 +251,7 @@ def test_real_numbers_are_read_as_cells_with_the_error_that_is_stated(kind: str)
     assert abs(apart.mean() - stated) < 4.0 * (error + spread)
     assert stated < 0.05 * chain.cells.numbers_error**2 + 4.0 * spread
     # Few cells lose more.
-    few = [filtered_chain(world, 40, rng=rng, n_steps=20_000, cuts=2).cells for _ in range(4)]
+    few = [filtered_chain(world, 40, rng=rng, n_steps=20_000, cuts=2).cells for _ in range(instances(4, least=2))]
     lost = np.mean([each.symbols_error - each.numbers_error for each in few])
     assert lost > np.mean([each.error_se for each in few])  # twice the standard error of the four; some .02, se .002
     # What each decision tells beside them: cells against numbers, by particles.
@@ -256,14 +260,14 @@ def test_real_numbers_are_read_as_cells_with_the_error_that_is_stated(kind: str)
     found = path_leakage(chain, noisy, 4, rng=rng, n_draws=100)
     assert "discretised to cells" in found.summary()
     assert found.cells_error == pytest.approx(chain.cells.symbols_error - chain.cells.numbers_error)
-    errors = []
-    for _ in range(400):  # rare large errors
+    errors, count = [], instances(400, least=80)
+    for _ in range(count):  # rare large errors
         path = world.sample(4, rng=rng)
         held = filter_beliefs(world, path.observations, public=path.public).beliefs
         actions = (rng.random(4) < held @ [0.2, 0.8]).astype(int)
         seen = SequentialAdversary(world, noisy, n_particles=50, rng=rng).filter(actions, public=path.public)
         errors.append(((held[-1] - seen.mean[-1]) ** 2).sum())
-    squared, spread = float(np.mean(errors)), float(np.std(errors) / np.sqrt(400))
+    squared, spread = float(np.mean(errors)), float(np.std(errors) / np.sqrt(count))
     both = 4.0 * (spread + 2.0 * found.bayes_error[-1] * found.error_se[-1]) + 0.03 * squared
     assert abs(found.bayes_error[-1] ** 2 - squared) < both
 

@@ -157,7 +157,7 @@ def test_estimates_of_decisions_that_do_not_enter_are_found_between_two_beliefs(
 def test_on_a_belief_that_stays_nothing_is_revealed_twice(
     fresh_rng: np.random.Generator, information: float, capped: bool
 ) -> None:
-    for _ in range(8):
+    for _ in range(instances(8, least=2)):
         maker, *_ = drawn_case(fresh_rng, information, capped)
         first = maker.mechanism_for(maker.chain.prior)
         table = first.probabilities.toarray()
@@ -232,7 +232,7 @@ def test_a_law_of_a_decision_that_had_become_nothing_comes_back() -> None:
 def test_steps_of_uneven_laws_are_solved_to_their_dual_bound(
     fresh_rng: np.random.Generator, information: float
 ) -> None:
-    for _ in range(instances(12, least=5)):
+    for _ in range(instances(12, least=2)):
         maker, price, told = drawn_case(fresh_rng, information, False)
         law = fresh_rng.dirichlet(np.full(len(maker.beliefs), 0.1))
         law = np.where(law > 1e-6, law, 0.0)

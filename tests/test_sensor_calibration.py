@@ -22,6 +22,7 @@ from inscrutable import (
     calibrate_sensor,
     reachable_beliefs,
 )
+from inscrutable.adversaries.sensor import calibration
 from inscrutable.adversaries.sensor.calibration import _curvature
 from sizes import audited, instances
 
@@ -29,6 +30,14 @@ TRANSITION = np.array([[0.8, 0.2], [0.3, 0.7]])
 WORLD = HiddenMarkovModel(TRANSITION, CategoricalEmission([[0.8, 0.2], [0.2, 0.8]]))
 GRID = np.column_stack([np.linspace(0, 1, 101), np.linspace(1, 0, 101)])
 ACCURACY = SensorFamily.accuracy(2)
+
+
+@pytest.fixture
+def few_values(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Searches from few starts, and profiles of few values; in `make audit` those of the library."""
+    if not audited():
+        monkeypatch.setattr(calibration, "_POINTS", 7)
+        monkeypatch.setattr(calibration, "_STARTS", 3)
 
 
 def shares(belief: np.ndarray) -> np.ndarray:
@@ -143,6 +152,7 @@ def test_the_curvature_of_several_parameters_is_that_of_a_paraboloid(fresh_rng: 
         np.testing.assert_allclose(found, wanted, atol=1e-6 * np.abs(wanted).max())
 
 
+@pytest.mark.usefixtures("few_values")
 def test_intervals_are_as_wide_as_estimates_scatter() -> None:
     held, ratio = coverage(range(instances(16, least=9)), 100 if audited() else 60)
     assert held >= 0.8
@@ -155,6 +165,7 @@ def test_intervals_hold_the_true_accuracy_as_often_as_they_say() -> None:
     assert 0.90 <= held <= 0.98
 
 
+@pytest.mark.usefixtures("few_values")
 def test_two_parameters_have_a_profile_each() -> None:
     rng = np.random.default_rng(3)
     states = rng.integers(2, size=60 if audited() else 40)
@@ -182,24 +193,27 @@ def agreement(a: float, b: float) -> float:
     return a**2 / (a + b) + (1 - a) ** 2 / (2 - a - b)
 
 
+@pytest.mark.usefixtures("few_values")
 def test_two_parameters_of_a_coin_are_as_likely_as_any_by_the_closed_form() -> None:
     """At equal rows the likelihood has no slope, so that a search from there said that decisions tell nothing."""
     coin = HiddenMarkovModel([[0.5, 0.5], [0.5, 0.5]], WORLD.emission)
     open_book = Mechanism(GRID[::25], np.arange(2), GRID[::25], 0.0 * GRID[::25])
-    states = np.tile([0, 1], 20)
-    actions = np.where(np.arange(40) % 4 < 3, states, 1 - states)  # three of four are the state
+    rounds = 10 if audited() else 2
+    states = np.tile([0, 1], 2 * rounds)
+    actions = np.where(np.arange(4 * rounds) % 4 < 3, states, 1 - states)  # three of four are the state
     found = calibrate_sensor(actions, states, open_book, SensorFamily.confusion(2, 2), world=coin)
     share = agreement(*found.parameters)
-    assert found.log_likelihood == pytest.approx(30 * np.log(share) + 10 * np.log(1 - share), abs=1e-9)
+    assert found.log_likelihood == pytest.approx(rounds * (3 * np.log(share) + np.log(1 - share)), abs=1e-9)
     assert share == pytest.approx(0.75, abs=1e-3)
     assert found.status is LikelihoodStatus.WEAK  # a curve of sensors has this share
 
 
+@pytest.mark.usefixtures("few_values")
 def test_two_parameters_are_as_likely_as_any_by_the_sum_over_all_paths(fresh_rng: np.random.Generator) -> None:
-    values = np.linspace(0.01, 0.99, 15)
+    values, length = np.linspace(0.01, 0.99, 15 if audited() else 7), 5 if audited() else 3
     for _ in range(instances(6, least=1)):
-        states, actions = fresh_rng.integers(2, size=(2, 5))
-        found = calibrate_sensor(actions, states, lambda world: on(reachable_beliefs(world, 5)), rows, world=WORLD)
+        states, actions = fresh_rng.integers(2, size=(2, length))
+        found = calibrate_sensor(actions, states, lambda world: on(reachable_beliefs(world, length)), rows, world=WORLD)
         reached = enumerated(rows(*found.parameters).probabilities, actions, states)
         assert found.log_likelihood == pytest.approx(reached, abs=1e-9)
         best = max(enumerated(rows(a, b).probabilities, actions, states) for a, b in product(values, values))
@@ -232,6 +246,7 @@ def test_sensors_that_name_the_symbols_in_another_order_are_several() -> None:
     assert twice.log_likelihood == pytest.approx(once.log_likelihood, abs=1e-5)
 
 
+@pytest.mark.usefixtures("few_values")
 def test_what_decisions_do_not_tell_is_said() -> None:
     states = np.array([0, 1] * 10)
     silent = Mechanism(GRID, np.arange(2), np.full((101, 2), 0.5), np.zeros((101, 2)))
@@ -311,6 +326,7 @@ def test_decisions_that_move_with_the_sensor_have_no_fisher_information() -> Non
         best_probe([[0, 1]], moving, ACCURACY, world=WORLD, parameters=[0.75])
 
 
+@pytest.mark.usefixtures("few_values")
 def test_the_best_probe_gives_the_estimates_that_scatter_least() -> None:
     rng = np.random.default_rng(1)
     probes = [np.zeros(80, dtype=int), np.tile([0, 1], 40)]
@@ -323,7 +339,7 @@ def test_the_best_probe_gives_the_estimates_that_scatter_least() -> None:
         np.std(
             [
                 calibrate_sensor(sampled(0.8, probe, rng), probe, on(GRID[::2]), ACCURACY, world=WORLD).parameters[0]
-                for _ in range(8)
+                for _ in range(instances(8, least=4))
             ]
         )
         for probe in probes
@@ -331,6 +347,7 @@ def test_the_best_probe_gives_the_estimates_that_scatter_least() -> None:
     assert ranking.best == int(np.argmin(spread))
 
 
+@pytest.mark.usefixtures("few_values")
 def test_a_gaussian_sensor_is_read_by_particles() -> None:
     rng = np.random.default_rng(2)
     family = SensorFamily.gaussian_spread([[0.0], [1.0]], [[0.2, 2.0]])

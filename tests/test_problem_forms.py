@@ -26,7 +26,7 @@ from inscrutable import (
     simplex,
     with_transaction_costs,
 )
-from sizes import some
+from sizes import audited, some
 
 _RECOMPUTED = 1e-7  # between the stated privacy of a decision and the distance of its consistent set
 GOALS = [MaximalObfuscation(), DesiredObfuscation([0.2, 0.2, 0.6])]
@@ -105,9 +105,10 @@ def test_a_users_own_quadratic_problem_is_decided_as_the_librarys(fresh_rng, mea
 
 def test_a_form_is_proved_as_the_librarys_own(fresh_rng):
     problem, belief = market(fresh_rng, n_assets=4), fresh_rng.dirichlet(np.ones(3))
+    certify = 0.01 if audited() else 0.1
     found = [
         CounterAdversarialDecisionMaker(
-            each, candidates=decoy_grid(each, 12), method=GlobalSearch(certify=0.01)
+            each, candidates=decoy_grid(each, 12 if audited() else 6), method=GlobalSearch(certify=certify)
         ).decide(belief)
         for each in (problem, Own(problem))
     ]

@@ -18,10 +18,15 @@ from inscrutable import (
 )
 from oracles.large_markets import large_market
 from oracles.markets import random_market
-from sizes import instances, paired
+from sizes import audited, instances, paired
 
-SIZES = {2: (4, 60), 3: (6, 45), 4: (6, 12), 5: (7, 8)}  # assets, and resolution of the candidates, by states
-BELIEFS = instances(6, least=2)
+SIZES = {
+    2: (4, 60),
+    3: (6, 45 if audited() else 20),
+    4: (6, 12 if audited() else 8),
+    5: (7, 8 if audited() else 5),
+}  # assets, and resolution of the candidates, by states
+BELIEFS = instances(6, least=1)
 
 
 def markets(n_states, min_slack, rng):

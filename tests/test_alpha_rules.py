@@ -379,7 +379,7 @@ def test_matrices_over_time_against_cone_programmes(n: int, rank: int, radius: f
             (3051, 2, 1.3, 0.5),
             (1049, 3, 1.1, 0.5),
         ],
-        2,
+        3,
     ),
 )
 def test_problems_on_which_the_iteration_over_time_ends_have_a_best_rule(
@@ -838,11 +838,12 @@ def test_under_limits_the_long_run_does_not_depend_on_the_start(fresh_rng: np.ra
     for start, prior_mean in ((None, None), (([0.03], [[1e-4]]), None), (None, [0.03])):
         world = LinearGaussianWorld([[0.9]], [[1.9e-5]], [[1.0]], [[1e-5]], initial=start)
         made.append(AlphaDecisionMaker(problem, 0.5, world=world, prior_mean=prior_mean))
-    grown = [each.under_limits(draws=4000, rng=np.random.default_rng(0)) for each in made]
+    draws, steps = (4000, 6000) if audited() else (1000, 1500)
+    grown = [each.under_limits(draws=draws, rng=np.random.default_rng(0)) for each in made]
     assert grown[0].simulated_regret == grown[1].simulated_regret == grown[2].simulated_regret
-    means = np.zeros((6000, 1))
-    shocks = np.sqrt(made[1].moves.innovation[0, 0]) * fresh_rng.standard_normal(6000)
-    for t in range(1, 6000):
+    means = np.zeros((steps, 1))
+    shocks = np.sqrt(made[1].moves.innovation[0, 0]) * fresh_rng.standard_normal(steps)
+    for t in range(1, steps):
         means[t] = 0.9 * means[t - 1] + shocks[t]
     regrets = grown[1].decide_path(means, rng=fresh_rng).regrets[100:]
     assert within(regrets, grown[1].simulated_regret.mean)

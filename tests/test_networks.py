@@ -17,6 +17,7 @@ from inscrutable import InputError, ModelError, dispatch_problem, load_matpower
 
 pytest.importorskip("cvxpy")
 
+from sizes import some
 from tests.oracles.networks import case_text, optimum_by_angles, random_case
 
 DATA = Path(__file__).parent / "data" / "pglib"
@@ -66,7 +67,7 @@ def test_drawn_cases_equal_their_optimum_by_angles(convention, fresh_rng, tmp_pa
         assert problem.optimal_cost([1.0]) == pytest.approx(value, rel=1e-6)
         schedule = problem.solve([1.0])
         # prices of one MW more, where they are unique: the same from either side
-        for bus in range(network.n_buses):
+        for bus in some(range(network.n_buses), 4):
             more, less = (_cost(network, bus, by) for by in (0.01, -0.01))
             here = problem.optimal_cost([1.0])
             if abs((more - here) - (here - less)) < 1e-6 * max(abs(here), 1.0):

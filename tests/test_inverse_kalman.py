@@ -10,7 +10,6 @@ from scipy.stats import multivariate_normal, norm
 from inscrutable import InputError, LinearView, ModelError, SensorFamily, calibrate_sensor, inverse_kalman_filter
 from inscrutable.worlds.kalman import kalman_filter
 from inscrutable.worlds.linear_gaussian import LinearGaussianWorld
-from sizes import audited
 
 MOVE, PROCESS = np.array([[0.8, 0.1], [-0.2, 0.7]]), np.array([[0.3, 0.1], [0.1, 0.2]])
 READ, NOISE = np.array([[1.0, 0.5], [0.0, 1.0]]), np.diag([0.5, 0.4])
@@ -132,9 +131,8 @@ def test_the_noise_of_a_sensor_is_calibrated_from_a_linear_decision() -> None:
         return LinearGaussianWorld([[0.9]], [[0.3]], [[1.0]], [[spread**2]], ([0.0], [[1.0]]))
 
     rng = np.random.default_rng(5)
-    steps = 250 if audited() else 100
-    path = world(0.8).sample(steps, rng=rng)
-    decisions = 2.0 * kalman_filter(world(0.8), path.observations).means + 0.1 * rng.normal(size=(steps, 1))
+    path = world(0.8).sample(250, rng=rng)
+    decisions = 2.0 * kalman_filter(world(0.8), path.observations).means + 0.1 * rng.normal(size=(250, 1))
     family = SensorFamily(world, [[0.2, 3.0]], ["spread"])
     found = calibrate_sensor(decisions, path.states, LinearView([[2.0]], [[0.01]]), family, world=world(1.0))
     assert found.is_identified

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from inscrutable import Study, run_study
+from sizes import instances
 
 SMALL = {
     "kind": "alphas",
@@ -16,7 +17,7 @@ SMALL = {
     "factors": 1,
     "budgets": [0.25, 0.75],
     "persistence": [0.0, 0.8],
-    "steps": 300,
+    "steps": instances(300, least=100),
     "repeats": 1,
 }
 

@@ -60,7 +60,7 @@ def test_exact_weights_say_what_the_adversary_says() -> None:
 
 
 @pytest.mark.parametrize(
-    ("seed", "n_assets", "decimals"), some([(*each, n) for each in ((2, 3), (3, 6), (4, 12)) for n in (2, 3, 4, 6)], 3)
+    ("seed", "n_assets", "decimals"), some([(*each, n) for each in ((2, 3), (3, 6), (4, 12)) for n in (2, 3, 4, 6)], 5)
 )
 def test_rounded_weights_keep_the_truth_inside(seed: int, n_assets: int, decimals: int) -> None:
     model = market(seed, n_assets)
@@ -150,7 +150,7 @@ def test_a_cap_that_rounding_hides_is_taken_as_tight() -> None:
     model = market(10, 5, region=region)
     beliefs = np.random.default_rng(10).dirichlet(np.ones(3), size=8)
     assert np.isclose(model.problem.solve(beliefs), 1 / 3).any()
-    for decimals in (2, 3, 4):
+    for decimals in some((2, 3, 4), 2):
         attack = attack_weights(model, published(model, beliefs, decimals), decimals=decimals)
         assert attack.count(Reading.IMPLAUSIBLE) == 0
         assert inside(attack, beliefs, 1e-9).all()
@@ -202,7 +202,7 @@ def test_dates_name_the_row() -> None:
         attack_weights(market(0, 3), frame, decimals=-1)
 
 
-@pytest.mark.parametrize(("n_states", "files"), [(2, 4), (3, 6)])
+@pytest.mark.parametrize(("n_states", "files"), some([(2, 4), (3, 6)], 2))
 def test_files_are_written_and_hold_the_numbers(tmp_path: Path, n_states: int, files: int) -> None:
     model = market(13, 4, n_states)
     beliefs = np.random.default_rng(13).dirichlet(np.ones(n_states), size=3)

@@ -26,9 +26,10 @@ from inscrutable.privacy import DesiredObfuscation
 from inscrutable.privacy.leaks import silence_regret
 from inscrutable.reports.backtest import notes_of, summary_data, table_of, text_of, write_backtest
 from inscrutable.reports.backtest_verdict import limits, verdict
-from small_runs import coarse_rivals, short_simulations
+from sizes import audited
+from small_runs import coarse_rivals, repeated_fits, short_simulations
 
-TRAINING, DECISIONS, GRID = 480, 120, 12
+TRAINING, DECISIONS, GRID = 480, 120 if audited() else 48, 12
 SETTINGS = BacktestSettings(regimes=2, train_until="2039-12")
 
 
@@ -44,7 +45,7 @@ def market() -> pd.DataFrame:
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse() -> Iterator[None]:
-    with coarse_rivals(120, 2), short_simulations(20, 100):
+    with coarse_rivals(120, 2), short_simulations(20, 100), repeated_fits():
         yield
 
 

@@ -20,6 +20,7 @@ from inscrutable.experiments.own_model import OwnModel
 from inscrutable.experiments.weight_limits import LimitsPart
 from inscrutable.reports import backtest_plots
 from inscrutable.reports.backtest import text_of, write_backtest
+from sizes import audited, instances
 from small_runs import coarse_rivals, short_simulations
 
 LIMIT = 0.08
@@ -30,7 +31,7 @@ def found() -> Backtest:
     return backtest(LIMIT, sequential=False)
 
 
-def backtest(limit: float, *, sequential: bool) -> Backtest:
+def backtest(limit: float, *, sequential: bool, decisions: int = 7) -> Backtest:
     rng = np.random.default_rng(3)
     calm = rng.random(90) < 0.5
     means = np.where(calm[:, None], [0.03, 0.0, 0.01], [-0.03, 0.02, 0.01])
@@ -41,7 +42,7 @@ def backtest(limit: float, *, sequential: bool) -> Backtest:
     held = rng.dirichlet([1.0, 1.0], 7)
     beliefs = pd.DataFrame(held, index=months[82:89], columns=["calm", "turbulent"])
     settings = BacktestSettings(regimes=2, train_until="2007-11", sequential=sequential, own=own)
-    return run_backtest(returns, settings, beliefs=beliefs, restarts=1)
+    return run_backtest(returns.iloc[: 83 + decisions], settings, beliefs=beliefs, restarts=1)
 
 
 def test_every_decision_is_the_best_near_the_one_before(found: Backtest) -> None:
@@ -80,8 +81,8 @@ def test_an_observer_reads_it_with_the_model_that_is_kept(found: Backtest, tmp_p
 
 @pytest.mark.usefixtures("undrawn")
 def test_the_sequential_rule_keeps_the_limit_and_its_observer_follows_it(tmp_path: Path) -> None:
-    with coarse_rivals(), short_simulations(20, 100):
-        found = backtest(0.6, sequential=True)
+    with coarse_rivals(), short_simulations(*((20, 100) if audited() else (8, 50))):
+        found = backtest(0.6, sequential=True, decisions=instances(7, least=4))
     weights, record = found.weights("SDM").to_numpy(), found.episode.records["SDM"]
     assert np.abs(np.diff(weights, axis=0)).sum(axis=1).max() <= 0.6 + 1e-9
     beliefs = found.beliefs.to_numpy()

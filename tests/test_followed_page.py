@@ -12,6 +12,7 @@ import browser
 from inscrutable.experiments import backtest_sequential
 from inscrutable.experiments.backtest import Backtest
 from inscrutable.reports.page import write_page
+from sizes import audited
 from small_runs import short_simulations
 from test_page import Reader, backtest, data_of, needs_browser, tab  # noqa: F401  # the last is a fixture
 
@@ -20,7 +21,7 @@ GRID = 8
 
 @pytest.fixture(scope="module")
 def found() -> Backtest:
-    with pytest.MonkeyPatch.context() as patch, short_simulations(20, 100):
+    with pytest.MonkeyPatch.context() as patch, short_simulations(*((20, 100) if audited() else (8, 50))):
         patch.setattr(backtest_sequential, "_MOST_BELIEFS", GRID)
         return backtest(2, None, beliefs=20, sequential=True)
 
@@ -67,6 +68,7 @@ def test_ceilings_and_what_is_asked_are_those_of_table_and_verdict(found: Backte
     assert followed["asked"] == pytest.approx(2.0 / 3.0 * followed["without"], abs=1e-4)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_nothing_is_shown_of_what_is_not_known(found: Backtest, without: Backtest, page: Path, tmp_path: Path) -> None:
     assert found.aware is not None
     uncapped = replace(found, aware=replace(found.aware, ceilings={}), sequential=None)

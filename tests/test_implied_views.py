@@ -93,7 +93,7 @@ class Lifted:
 
 
 @pytest.mark.parametrize(
-    ("name", "regret"), some(list(itertools.product(["free", "budget", "caps", "sector", "neutral"], [None, 0.05])), 3)
+    ("name", "regret"), some(list(itertools.product(["free", "budget", "caps", "sector", "neutral"], [None, 0.05])), 5)
 )
 def test_bounds_and_distances_are_those_of_lifted_programmes(
     name: str, regret: float | None, fresh_rng: np.random.Generator

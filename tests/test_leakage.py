@@ -120,7 +120,7 @@ def test_a_sparse_table_leaks_what_a_plain_one_does(case):
 # --- what every leakage obeys -------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=150)
+@settings(max_examples=instances(150))
 @given(drawn())
 def test_bounds(case):
     found = leakage(case.mechanism, case.prior)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,8 @@ import pandas as pd
 import pytest
 
 from inscrutable import cli
-from sizes import some
+from sizes import audited, some
+from small_runs import few_starts, repeated_fits
 from test_odd_files import MODEL
 
 ASSETS = ["Oil", "Food", "Tech"]
@@ -58,9 +61,9 @@ VERBS = {
 
 # verb, options, the option that is named, and what is said of it
 WRONG = [
-    ("reproduce", "--jobs 0", "--jobs must be a number of processes from 1 to 1,024"),
     ("compare", "--jobs 9999999", "--jobs must be a number of processes from 1 to 1,024, or -1 for one per core, got 9999999"),
     ("compile", "--jobs 0", "--jobs must"),
+    ("reproduce", "--jobs 0", "--jobs must be a number of processes from 1 to 1,024"),
     ("study", "--jobs -2", "--jobs must"),
     ("study", "--extension word", "--extension 'word': an extension is written"),
     ("reproduce", "--markets 0", "--markets: should be greater than or equal to 2, got 0"),
@@ -135,7 +138,7 @@ def said(files: Path, out: Path, verb: str, options: str, capsys: pytest.Capture
     return code, lines[0] if lines else ""
 
 
-@pytest.mark.parametrize(("verb", "options", "message"), some(WRONG, 2), ids=lambda value: value[:40])
+@pytest.mark.parametrize(("verb", "options", "message"), some(WRONG, 4), ids=lambda value: value[:40])
 def test_a_wrong_value_names_its_option(
     files: Path, tmp_path: Path, verb: str, options: str, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -182,6 +185,14 @@ BAD_FILES = [
 ]  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def fitted_once() -> Iterator[None]:
+    """Regimes of the same returns are fitted once for all files that are looked at afterwards."""
+    with nullcontext() if audited() else few_starts(2), repeated_fits():
+        yield
+
+
+@pytest.mark.usefixtures("fitted_once")
 @pytest.mark.parametrize(("verb", "option", "text", "code", "message"), BAD_FILES)
 def test_bad_data_name_their_file(
     files: Path,

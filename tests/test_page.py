@@ -34,7 +34,7 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
-from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare
+from inscrutable.experiments.comparison import COMPARED, Comparison, ComparisonSettings, compare, makers_of
 from inscrutable.reports import page as page_folder
 from inscrutable.reports import style
 from inscrutable.reports.page import (
@@ -49,7 +49,7 @@ from inscrutable.reports.page import (
 )
 from inscrutable.reports.page.budget_sweep import BudgetSweep
 from inscrutable.reports.page.writing import embedded
-from sizes import some
+from sizes import audited, some
 from small_runs import coarse_rivals, learned_from_few
 
 EVIL = "<script>alert(1)</script>"
@@ -74,7 +74,7 @@ def backtest(regimes: int, budget: Budget | float = 0.05, *, beliefs: int = 60, 
 
 @pytest.fixture(scope="module")
 def found() -> Backtest:
-    return backtest(3)
+    return backtest(3, beliefs=60 if audited() else 30)
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,8 @@ def compared() -> Comparison:
     problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
     settings = ComparisonSettings(budgets=(0.25, 0.5), repeats=(1, 5), draws=20)
     with learned_from_few():
-        return compare(problem, uniform_prior(2, 6), settings, rng=np.random.default_rng(0))
+        makers = makers_of(some(list(COMPARED), 2))
+        return compare(problem, uniform_prior(2, 6), settings, makers=makers, rng=np.random.default_rng(0))
 
 
 @pytest.fixture(scope="module")
@@ -282,6 +283,7 @@ def test_every_budget_holds_the_best_of_the_candidates(found: Backtest, page: Pa
     assert sum(p for _, p, _, _ in atoms) == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_largest_weights_are_listed_and_the_others_added_up(
     found: Backtest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -372,6 +374,7 @@ def test_long_backtests_are_thinned(found: Backtest) -> None:
     assert sweep.beliefs == pytest.approx(found.beliefs.to_numpy()[sweep.steps])
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_goals_and_misses_have_a_page_too(missed: Backtest, tmp_path: Path) -> None:
     data = data_of(write_page(missed, tmp_path / "report.html"))
     assert data["own"] == 0

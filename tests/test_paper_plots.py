@@ -20,6 +20,7 @@ from inscrutable.reports.simplex_plots import plot_actions, plot_beliefs
 from inscrutable.reports.style import COLUMN_WIDTH, around, drawing, save_figure
 from inscrutable.reports.time_plots import plot_costs, plot_privacy
 from inscrutable.reports.tradeoff_plots import plot_convergence, plot_tradeoff
+from sizes import audited
 
 NAMES = ("calm", "unsettled", "crisis")
 POINT = BeliefSet(np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]]), np.zeros((0, 3)))
@@ -44,7 +45,8 @@ def words(axes: Any) -> list[str]:
     return [text.get_text() for text in axes.get_legend().get_texts()]
 
 
-def assert_written_whole(figure: Any, folder: Path) -> None:
+def assert_written_whole(figure: Any, folder: Path, *, is_painted: bool = True) -> None:
+    """Nothing is clipped, and what is written is a picture; some are painted in `make audit` alone, which takes a second."""
     figure.draw_without_rendering()
     renderer = figure.canvas.get_renderer()
     for axes in figure.axes:
@@ -52,6 +54,8 @@ def assert_written_whole(figure: Any, folder: Path) -> None:
         assert tight.x0 >= -1
         assert tight.x1 <= figure.bbox.x1 + 1
         assert tight.y1 <= figure.bbox.y1 + 1
+    if not is_painted and not audited():
+        return
     png, svg = save_figure(figure, folder, "picture")
     assert png.read_bytes().startswith(b"\x89PNG")
     assert svg.read_text("utf-8").rstrip().endswith("</svg>")
@@ -101,7 +105,7 @@ def test_actions_with_bars(triangle: tuple[Any, Any], tmp_path: Path) -> None:
     heights = sorted(np.ptp(line.get_ydata()) / 0.35 for line in bars)
     assert heights == pytest.approx(sorted(mixed.probabilities))
     assert all(np.ptp(line.get_xdata()) < 1e-12 for line in bars)
-    assert_written_whole(figure, tmp_path)
+    assert_written_whole(figure, tmp_path, is_painted=False)
 
 
 def test_markers_of_the_paper(triangle: tuple[Any, Any]) -> None:

@@ -8,6 +8,7 @@ from scipy.optimize import linprog
 
 from inscrutable.adversaries import plane_game
 from inscrutable.adversaries.plane_game import PlaneGame
+from sizes import instances
 
 
 def wanted(planes: np.ndarray) -> float:
@@ -27,7 +28,7 @@ def wanted(planes: np.ndarray) -> float:
 @pytest.mark.parametrize("n_states", [1, 2, 3, 5, 10])
 def test_planes_added_one_by_one(n_states: int) -> None:
     rng = np.random.default_rng(n_states)
-    for _ in range(5):
+    for _ in range(instances(5, least=1)):
         game = PlaneGame(rng.uniform(-0.2, 1.0, (2, n_states)))
         for _ in range(15):
             value, belief = game.lowest()

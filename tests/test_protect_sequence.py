@@ -28,11 +28,12 @@ from inscrutable.experiments.attack import attack_weights
 from inscrutable.experiments.attack_over_time import attack_over_time
 from inscrutable.experiments.protect_sequence import protect_step
 from inscrutable.experiments.silence import chain_of
-from sizes import instances
+from sizes import audited, instances
 from small_runs import repeated_laws, short_simulations
 
 ASSETS, REGIMES = ("A", "B", "C"), ("calm", "turbulent")
 BELIEF = [0.25, 0.75]
+SIMULATED = (20, 100) if audited() else (8, 50)
 MEANS, SPREADS = np.array([[0.02, 0.0, 0.01], [-0.03, 0.01, 0.0]]), np.array([0.002 * np.eye(3), 0.006 * np.eye(3)])
 
 TWO_MONTHS = pd.DataFrame(
@@ -47,7 +48,7 @@ def small(tmp_path_factory: pytest.TempPathFactory):
     problem = MarkowitzProblem(MEANS, SPREADS, 4.0)
     model = InvestorModel(world, problem, ASSETS, REGIMES, Budget.regret(2e-4), "made for a test")
     folder = tmp_path_factory.mktemp("sequence")
-    with pytest.MonkeyPatch.context() as patch, short_simulations(20, 100), repeated_laws():
+    with pytest.MonkeyPatch.context() as patch, short_simulations(*SIMULATED), repeated_laws():
         patch.setattr(silence, "resolution_for", lambda n_states: 6)
         begun = protect_step(model, BELIEF, folder / "state", Budget.regret(2e-4), rng=np.random.default_rng(0))
         yield model, model.save(folder / "model.json"), folder / "state", begun

@@ -32,7 +32,7 @@ from inscrutable.experiments.random_markets import MarketLaw, random_market
 from inscrutable.experiments.reproduction import Reproduction, ReproductionSettings, reproduce
 from inscrutable.reports import reproduction as reports
 from inscrutable.reports.reproduction import claims_frame, claims_table, write_reproduction
-from sizes import some
+from sizes import audited, some
 from small_runs import nothing_painted
 from test_golden_tables import assert_same, golden
 
@@ -82,10 +82,10 @@ def folder(small: Reproduction, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 
 def test_pictures_are_written_relative_to_the_present_folder(
-    small: Reproduction, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    small: Reproduction, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Processes that drew before began in another one."""
-    for name in ("one", "two"):
+    """Processes that drew before, those of the fixture, began in another one."""
+    for name in some(("one", "two"), 2):
         (tmp_path / name).mkdir()
         monkeypatch.chdir(tmp_path / name)
         with painting([]):
@@ -110,13 +110,17 @@ def test_everything_is_written_whole(small: Reproduction, folder: Path, tmp_path
 
 
 def test_same_seed_same_bytes_whatever_the_jobs(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Markets by one process and by two, pictures by two and by one; of these, those of the paper's solvers."""
+    """Markets by one process and by two, pictures by two and by one: the last one, and in `make audit` those of the paper's
+    solvers."""
     seen: list[tuple[int, int]] = []
     again = reproduce(SMALL, jobs=2, progress=lambda done, total: seen.append((done, total)))
-    monkeypatch.setattr(reports, "draw_convergence", lambda *_: [])
-    with painting([PAPER]):
+    if audited():
+        monkeypatch.setattr(reports, "draw_convergence", lambda *_: [])
+    with painting([PAPER] if audited() else []):
         write_reproduction(again, tmp_path, jobs=1)
-    for name in ("summary.json", "claims.csv", *(f"{each}.svg" for each in FIGURES if each.startswith(PAPER))):
+    drawn = [each for each in FIGURES if each.startswith(PAPER if audited() else "convergence")]
+    assert drawn
+    for name in ("summary.json", "claims.csv", *(f"{each}.svg" for each in drawn)):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
     assert seen == [(1, 3), (2, 3), (3, 3)]
     assert "jobs" not in (folder / "summary.json").read_text("utf-8")

@@ -9,6 +9,7 @@ import pytest
 
 import inscrutable as ins
 from inscrutable.mechanisms.chains import resting_chain
+from sizes import instances
 
 MOST, SIZE, PRICE = 0.5, 4, 30.0
 
@@ -98,7 +99,7 @@ def test_before_a_rival_with_a_portfolio_steps_are_best_within_reach(share, fres
 
     limited = maker(ins.decoy_grid(problem, 6), MOST)
     points = limited.table.columns.points
-    for one in fresh_rng.choice(len(points), 3, replace=False):
+    for one in fresh_rng.choice(len(points), instances(3, least=1), replace=False):
         near = np.abs(points - points[one]).sum(axis=1) <= MOST + 1e-9
         law = fresh_rng.dirichlet(np.ones(7))
         found = limited.mechanism_for(ins.Prior(prior.beliefs, law), points[one])

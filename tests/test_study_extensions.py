@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -12,6 +10,7 @@ import pytest
 
 import inscrutable as ins
 from inscrutable import InputError, Study, resume_study, run_study
+from inscrutable.cli import main
 from inscrutable.experiments.studies.extensions import as_text
 from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.tasks import Work
@@ -215,17 +214,16 @@ def test_a_goal_is_a_privacy_measure(module, goal):
         Study.of(plan, extensions=[f"{module}:LastHidden", f"{module}:played"])
 
 
-def test_results_are_read_without_importing_anything(module, tmp_path):
+def test_results_are_read_without_importing_anything(module, tmp_path, monkeypatch):
     run_study(Study.of(DATA, extensions=own(module)), tmp_path / "out", limit=3)
-    code = f"""
-import sys
-from inscrutable import Study
-study = Study.load({str(tmp_path / "out")!r})
-study.frame(), study.means(), study.status(), study.manifest()
-print({module!r} in sys.modules, study.n_tasks, study.extensions[5].name)
-"""
-    run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
-    assert run.stdout.split() == ["False", "32", "Shrinking"], run.stderr
+    sys.modules.pop(module)
+    monkeypatch.setattr(sys, "path", [each for each in sys.path if each != str(tmp_path / "library")])
+    study = Study.load(tmp_path / "out")
+    assert study.frame() is not None
+    for read in (study.means, study.status, study.manifest):
+        assert read() is not None
+    assert module not in sys.modules
+    assert (study.n_tasks, study.extensions[5].name) == (32, "Shrinking")
 
 
 def test_a_study_goes_on_with_the_same_source_alone(module, tmp_path):
@@ -261,29 +259,21 @@ def test_a_part_is_known_by_the_module_that_defines_it(module, tmp_path):
     assert found[0] == found[1] != found[2]
 
 
-def test_the_command_line_takes_extensions(module, tmp_path):
+def test_the_command_line_takes_extensions(module, tmp_path, monkeypatch, capsys):
     (tmp_path / "study.toml").write_text(
         'name = "s"\ndecision_makers = "Shrinking"\nmeasures = "played"\nworld = {kind = "random"}\n'
         'beliefs = {kind = "grid", resolution = 4}\ncandidates = {resolution = 4}\n'
     )
     (tmp_path / "beside.py").write_text(MODULE)  # the study's folder is not looked into
-    # As the installed script: in a folder of its own, which is the first that Python looks into.
-    program = tmp_path / "bin" / "program.py"
-    program.parent.mkdir()
-    program.write_text(
-        "import sys; from inscrutable.cli import main; print([main(each.split()) for each in sys.argv[1:]])"
-    )
+    monkeypatch.chdir(tmp_path)
     commands = [
         " ".join(["study run study.toml --out out --jobs 1 -q", *(f"--extension {each}" for each in extensions)])
         for extensions in (["beside:Shrinking"], own(module, "Shrinking", "played"))
     ]
-    settings = os.environ | {"PYTHONPATH": str(tmp_path / "library"), "NO_COLOR": "1"}
-    said = subprocess.run(
-        [sys.executable, str(program), *commands], cwd=tmp_path, env=settings, capture_output=True, text=True
-    )
-    assert said.stdout.splitlines()[-1] == "[3, 0]", said
-    assert said.stderr.count("cannot be imported") == 1
-    assert "Traceback" not in said.stderr
+    assert [main(each.split()) for each in commands] == [3, 0]
+    said = " ".join(capsys.readouterr().err.split())
+    assert said.count("cannot be imported") == 1
+    assert "Traceback" not in said
 
 
 # What is asked for, what the file holds beside, and what is said.

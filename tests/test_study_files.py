@@ -22,7 +22,7 @@ from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.reading import StudySource, checked_study
 from inscrutable.experiments.studies.tasks import Work, chunk_of_rows
 from inscrutable.experiments.toml_lines import key_lines
-from sizes import instances
+from sizes import instances, some
 
 ROOT = Path(__file__).resolve().parent.parent
 HEAD = 'name = "a"\ndecision_makers = ["ODM"]\n'
@@ -283,7 +283,7 @@ def test_an_identity_hangs_on_the_task_alone() -> None:
 
 def test_a_rows_seed_is_its_tasks_own() -> None:
     study = Study.of(plan(repeats=2))
-    rows = chunk_of_rows(Work(GridRunner, study.plan.model_dump_json(), None, "[]"), range(study.n_tasks))
+    rows = chunk_of_rows(Work(GridRunner, study.plan.model_dump_json(), None, "[]"), some(range(study.n_tasks), 3))
     expected = [study.grid.task_seed(study.grid.task(row.number)).generate_state(1, np.uint64)[0] for row in rows]
     assert [row.seed for row in rows] == [str(seed) for seed in expected]
 

@@ -14,7 +14,7 @@ import pytest
 
 from inscrutable import Budget, CounterAdversarialDecisionMaker, GaussianEmission, HiddenMarkovModel, InputError
 from inscrutable.adversaries import SequentialAdversary
-from inscrutable.experiments import backtest_sequential
+from inscrutable.experiments import backtest_aware, backtest_sequential
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
 from inscrutable.experiments.backtest_aware import doubted, resolution_for
 from inscrutable.experiments.cell_mechanism import N_NEAREST, cell_beliefs, cell_mechanism
@@ -215,6 +215,7 @@ def test_none_holds_is_said_as_such(found: Backtest) -> None:
 def test_a_budget_of_its_own_none_and_what_it_is_not_played_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backtest_sequential, "_MOST_BELIEFS", 5)
     monkeypatch.setattr(backtest_sequential, "_OTHER_DRAWS", 0)
+    monkeypatch.setattr(backtest_aware, "_MOST_BELIEFS", 120 if audited() else 20)
     returns = market().iloc[: TRAINING + 6]
     given = run_backtest(returns, replace(SETTINGS, budget=Budget.regret(1e-4)), restarts=1)
     assert given.sequential is not None

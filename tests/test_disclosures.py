@@ -574,7 +574,7 @@ def test_the_verb_writes_a_table_and_a_picture(tmp_path: Any, capsys: pytest.Cap
     assert main([*asked, "--disclosures", "sometimes()"]) == 3
 
 
-@pytest.mark.usefixtures("coarse")
+@pytest.mark.usefixtures("coarse", "undrawn")
 def test_the_verb_makes_the_sequential_rule_for_each_schedule(
     tmp_path: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:

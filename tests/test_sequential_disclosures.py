@@ -28,6 +28,7 @@ from inscrutable import (
 from inscrutable.errors import InputError
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.mechanisms.disclosures import Disclosure
+from small_runs import draft_simulations
 
 ALONE = float("inf")
 
@@ -227,8 +228,9 @@ def test_a_saved_schedule_goes_on_where_it_stood(fresh_rng: np.random.Generator,
 
 def test_the_budget_is_spent_where_decisions_are_seen(fresh_rng: np.random.Generator) -> None:
     disclosure = every(2) | delayed(1)
-    maker = maker_of(fresh_rng, disclosure, calibration=None, information_price=ALONE)
-    found = maker.calibration
+    with draft_simulations():
+        maker = maker_of(fresh_rng, disclosure, calibration=None, information_price=ALONE)
+        found = maker.calibration
     assert found.regret <= maker.limit * 1.02
     path = maker.chain.paths(600, 1, rng=fresh_rng)[:, 0]
     drawn = maker.decide_path(maker.beliefs[path], rng=fresh_rng)

@@ -23,6 +23,7 @@ from inscrutable.experiments.studies.store import STORE
 from inscrutable.experiments.studies.sweeps import sweep_of
 from inscrutable.reports.names import full_name
 from inscrutable.reports.page import study_page, write_page
+from sizes import instances
 from study_runs import SMALL
 from test_page import EVIL, Reader, changed, data_of, drawings
 
@@ -157,7 +158,7 @@ def test_means_that_are_compared_rest_on_the_same_repeats(whole: Study) -> None:
 
 
 def test_the_verdict_says_on_which_repeats_it_rests(tmp_path: Path) -> None:
-    part = run_study(Study.of(PLAN), tmp_path, limit=60)
+    part = run_study(Study.of(PLAN), tmp_path, limit=instances(60, least=20))
     said = " ".join(study_page.study_verdict(part))
     assert re.search(
         r"This rests on the [123] of 4 repeats that have all figures|rest on \d to \d different repeats", said

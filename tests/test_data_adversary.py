@@ -135,6 +135,18 @@ def test_choices_that_are_missing_are_refused(missing: object) -> None:
         DataAdversary(np.full((11, 2), 0.5), days)
 
 
+def test_the_unit_of_decisions_changes_no_estimate() -> None:
+    """A tree takes numbers within 1e-7 for equal: of weights of a hundred-millionth it learned nothing."""
+    rng = np.random.default_rng(0)
+    weights = rng.normal(size=(300, 4))
+    likely = np.where(np.abs(weights[:, 3]) < 0.7, 0.9, 0.1)
+    beliefs = np.column_stack([likely, 1.0 - likely])
+    for scale, shift in ((1.0, 0.0), (1e-9, 0.0), (1e9, 0.0), (1.0, 1e8)):
+        seen = scale * weights + shift
+        found = DataAdversary(beliefs[:200], seen[:200]).estimates(seen[200:])
+        assert np.abs(found - beliefs[200:]).mean() < 0.02, (scale, shift)
+
+
 def test_choices_may_be_numbers_and_texts() -> None:
     first = np.random.default_rng(0).random(200)
     beliefs, many = np.column_stack([first, 1.0 - first]), np.where(first > 0.6, 1, 0)

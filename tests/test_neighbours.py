@@ -101,6 +101,9 @@ def test_weights_as_other_packages_give_them():
         pd.testing.assert_frame_equal(ins.weights_of(given), expected, check_column_type=False)
     frontier = pd.DataFrame([[0.2, 0.6], [0.3, 0.4], [0.5, 0.0]], ASSETS, [0, 1])  # a column per portfolio
     np.testing.assert_array_equal(ins.weights_of(frontier), [[0.2, 0.3, 0.5], [0.6, 0.4, 0.0]])
+    named = frontier.set_axis(["HRP", "MV"], axis=1)  # Riskfolio, portfolios with names
+    np.testing.assert_array_equal(ins.weights_of(named)[ASSETS], [[0.2, 0.3, 0.5], [0.6, 0.4, 0.0]])
+    np.testing.assert_array_equal(ins.weights_of(named.T)[ASSETS], [[0.2, 0.3, 0.5], [0.6, 0.4, 0.0]])
     for given in (held, SimpleNamespace(w=held)):  # cvxportfolio
         found = ins.weights_of(given)
         assert list(found.columns) == ASSETS

@@ -349,6 +349,27 @@ def test_growth_equals_a_conic_solver(seed):
     assert consistent_beliefs(problem, problem.solve(belief)).contains(belief)
 
 
+@given(SEEDS)
+@settings(max_examples=instances(40))
+def test_the_unit_of_an_outcomes_returns_changes_no_belief(seed):
+    """Log wealth moves by a constant in each outcome, here by up to 10^±9."""
+    rng = np.random.default_rng(seed)
+    returns = rng.uniform(0.5, 1.6, size=(3, 4, 3))
+    chances = rng.dirichlet(np.ones(4), size=3)
+    units = 10.0 ** rng.uniform(-9, 9, size=(3, 4, 1))
+    for given_returns, given_units in ((returns, units), (3.0 * np.eye(3)[:, None], units[:, :1])):
+        shares = chances if given_returns is returns else np.ones((3, 1))
+        one, other = (KellyProblem(each, shares) for each in (given_returns, given_units * given_returns))
+        belief = rng.dirichlet(np.ones(3))
+        decision = one.solve(belief)
+        np.testing.assert_allclose(other.solve(belief), decision, atol=1e-6)
+        np.testing.assert_allclose(other.cost_gradients(decision), one.cost_gradients(decision), rtol=1e-9)
+        told = [consistent_beliefs(each, decision) for each in (one, other)]
+        np.testing.assert_allclose(told[1].bounds(), told[0].bounds(), atol=1e-6)
+        assert told[1].distance(belief) <= 1e-4
+        assert one.costs_are_unique == other.costs_are_unique
+
+
 def test_growth_downstream():
     rng = np.random.default_rng(5)
     problem = KellyProblem(rng.lognormal(0, 0.2, (3, 6, 4)), rng.dirichlet(np.ones(6), 3))

@@ -93,8 +93,10 @@ def _ridge(share: float) -> Learner:
 def _tree(known: Array, read: Array) -> Fitted:
     from sklearn.tree import DecisionTreeRegressor
 
-    # Trees compute in single precision, and so does this: otherwise the same number could fall on either side of a split.
-    points, queries = (np.ascontiguousarray(part, dtype=np.float32) for part in (known[-_MOST_ROWS:], read))
+    # Trees compute in single precision, and so does this: otherwise the same number could fall on either side of a split. They
+    # take numbers within 1e-7 for equal, so decisions come in units of their spread.
+    scaled = _standardised(known[-_MOST_ROWS:], read)
+    points, queries = (np.ascontiguousarray(part, dtype=np.float32) for part in scaled)
     leaf = max(_LEAST_LEAF, int(_LEAST_LEAF_SHARE * len(points)))
 
     def predict(targets: Array) -> Array:

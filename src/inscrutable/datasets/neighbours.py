@@ -58,6 +58,19 @@ def weights_of(given: Any) -> pd.DataFrame:
     return frame.drop(columns=cash)
 
 
+def _is_upright(held: pd.DataFrame) -> bool:
+    """Whether a frame has a row per asset: portfolios are then numbered, named "weights", or columns alone add up to 1."""
+    if not all(isinstance(each, str) for each in held.index):
+        return False
+    if [str(each).lower() for each in held.columns] == ["weights"] or all(
+        isinstance(each, int) for each in held.columns
+    ):
+        return True
+    numbers = held.apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
+    columns, rows = (np.abs(numbers.sum(axis=axis) - 1.0) <= tolerances.PUBLISHED_SUM for axis in (0, 1))
+    return bool(columns.all() and not rows.all())
+
+
 def _frame(given: Any) -> pd.DataFrame:
     held = getattr(given, "w", given)
     if isinstance(held, Mapping):
@@ -67,11 +80,7 @@ def _frame(given: Any) -> pd.DataFrame:
     if isinstance(held, pd.Series):
         return held.to_frame().T.reset_index(drop=True)
     if isinstance(held, pd.DataFrame) and held.size:
-        assets = [str(each).lower() for each in held.columns]
-        upright = not isinstance(held.index, pd.DatetimeIndex) and (
-            assets == ["weights"] or all(isinstance(each, int) for each in held.columns)
-        )
-        return held.T.reset_index(drop=True) if upright and all(isinstance(each, str) for each in held.index) else held
+        return held.T.reset_index(drop=True) if _is_upright(held) else held
     raise InputError(
         "weights must be a mapping from assets (PyPortfolioOpt), a frame (Riskfolio, cvxportfolio) or a result with the frame "
         f"w, got {type(held).__name__}: {few([repr(held)[:60]])}"

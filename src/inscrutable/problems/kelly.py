@@ -134,6 +134,17 @@ class KellyProblem(DecisionProblem):
                 raise ModelError(f"wealth in state {i} grows without end over the feasible set: add bounds")
 
     @cached_property
+    def best_returns(self) -> Array:
+        """The largest return of an asset in each outcome, shape (X,S); 1 where all are worthless."""
+        best = self.gross_returns.max(axis=2)
+        return np.where(best > 0, best, 1.0)
+
+    @cached_property
+    def scaled_returns(self) -> Array:
+        """Returns as shares of the best asset's, shape (X,S,U): the unit of an outcome's returns changes no decision."""
+        return self.gross_returns / self.best_returns[:, :, None]
+
+    @cached_property
     def largest_wealth(self) -> Array:
         """The largest wealth in each outcome, max_{u ∈ C} r_k'u, shape (X·S,); 0 where there is no limit."""
         region = self.constraints
@@ -149,8 +160,9 @@ class KellyProblem(DecisionProblem):
         positive probability. A belief may be certain of one state; decisions with the same wealth in that state's outcomes
         must then have the same wealth in all outcomes.
         """
-        hessians = np.einsum("xs,xsu,xsv->xuv", self.probabilities, self.gross_returns, self.gross_returns)
-        possible = self.gross_returns[self.probabilities > 0]
+        scaled = self.scaled_returns
+        hessians = np.einsum("xs,xsu,xsv->xuv", self.probabilities, scaled, scaled)
+        possible = scaled[self.probabilities > 0]
         if not are_strictly_convex(hessians, possible, self.constraints.A_eq):
             return False
         # Near ruin costs are so large that other costs are lost to rounding.
@@ -187,8 +199,9 @@ class KellyProblem(DecisionProblem):
         return np.asarray((self.probabilities * costs).sum(axis=-1))
 
     def cost_gradients(self, action: ArrayLike) -> Array:
-        """Return −Σ_s p_is r_is / (r_is'u) for decisions (…,U), shape (…,X,U); wealth below 1e-6 counts as that."""
-        shares = self.probabilities / np.maximum(self.wealth(action), tolerances.LEAST_WEALTH)
+        """Return −Σ_s p_is r_is / (r_is'u) for decisions (…,U), shape (…,X,U); wealth below a millionth of the best asset's
+        counts as that."""
+        shares = self.probabilities / np.maximum(self.wealth(action), tolerances.LEAST_WEALTH * self.best_returns)
         return np.asarray(-np.einsum("...xs,xsu->...xu", shares, self.gross_returns))
 
     def __repr__(self) -> str:

@@ -41,9 +41,9 @@ with nine, none takes over 4 % less."""
 def whitened_growth(problem: KellyProblem) -> Whitened | None:
     """Return the coordinates, by the curvatures at the decision for the belief in the middle; None where some direction
     inside C has no curvature there."""
-    wealth = problem.wealth(problem.solve(middle_of(problem)))
+    returns = problem.scaled_returns
+    wealth = returns @ problem.solve(middle_of(problem))
     shares = problem.probabilities / np.maximum(wealth, tolerances.LEAST_WEALTH) ** 2
-    returns = problem.gross_returns
     return whitened_by(problem, np.einsum("xs,xsu,xsv->xuv", shares, returns, returns))
 
 
@@ -62,11 +62,11 @@ class GrowthCells(SmoothCells):
 
     def __init__(self, problem: KellyProblem, points: OraclePoints, form: Whitened) -> None:
         possible = problem.probabilities.ravel() > 0
-        returns = problem.gross_returns.reshape(-1, problem.n_actions)[possible]
+        returns = problem.scaled_returns.reshape(-1, problem.n_actions)[possible]
         self._returns = returns
         self._states = np.repeat(np.arange(problem.n_states), problem.probabilities.shape[1])[possible]
         self._shares = problem.probabilities.ravel()[possible]
-        largest = problem.largest_wealth[possible]
+        largest = (problem.largest_wealth / problem.best_returns.ravel())[possible]
         self._largest = np.where(largest > 0.0, largest, np.inf)
         self._rows = returns @ form.basis  # (K,F)
         self._lengths = np.linalg.norm(self._rows, axis=1)
@@ -86,7 +86,7 @@ class GrowthCells(SmoothCells):
         return np.asarray(~np.isfinite(near.near) | (regrets.max(axis=(1, 2)) <= 0.0))
 
     def _traits(self, actions: Array, beliefs: Array) -> Array:
-        """Wealth in every outcome."""
+        """Wealth in every outcome, as a share of the best asset's."""
         return np.asarray(actions @ self._returns.T)
 
     def _spread(self, corners: np.ndarray) -> _Spread:

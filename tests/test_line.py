@@ -25,7 +25,8 @@ from sizes import audited, instances
 Array = NDArray[np.float64]
 
 MIN_SLACK = 1e-4
-SHARES = np.linspace(0.0, 1.0, 50_001 if audited() else 5_001)
+FINE = np.linspace(0.0, 1.0, 50_001)
+SHARES = FINE if audited() else FINE[::10]
 HALVINGS = 60
 ROUNDING = 1e-12
 
@@ -49,8 +50,8 @@ class Explained(NamedTuple):
         return np.asarray(np.sqrt(2.0) * np.abs(nearest - point[0]))
 
 
-def explained(market: Market, belief: Array, budget: float) -> list[Explained]:
-    """Everything that some belief of the grid explains, support by support.
+def explained(market: Market, belief: Array, budget: float, shares: Array = SHARES) -> list[Explained]:
+    """Everything that some belief of the grid `shares` explains, support by support.
 
     Where a share beside one that will not do is allowed, the border between them is found by halving.
     """
@@ -60,16 +61,16 @@ def explained(market: Market, belief: Array, budget: float) -> list[Explained]:
         if len(held) == 1:
             found += _single(market, belief, allowed, held[0])
             continue
-        fits = _fits(market, belief, allowed, held, SHARES)
+        fits = _fits(market, belief, allowed, held, shares)
         edges = np.flatnonzero(fits[1:] != fits[:-1])
-        good = np.where(fits[edges], SHARES[edges], SHARES[edges + 1])
-        bad = np.where(fits[edges], SHARES[edges + 1], SHARES[edges])
+        good = np.where(fits[edges], shares[edges], shares[edges + 1])
+        bad = np.where(fits[edges], shares[edges + 1], shares[edges])
         for _ in range(HALVINGS if len(edges) else 0):
             middle = 0.5 * (good + bad)
             fine = _fits(market, belief, allowed, held, middle)
             good, bad = np.where(fine, middle, good), np.where(fine, bad, middle)
         if fits.any():
-            found.append(Explained(np.concatenate([SHARES[fits], good]), False))
+            found.append(Explained(np.concatenate([shares[fits], good]), False))
     return found
 
 
@@ -153,7 +154,7 @@ def test_no_decision_that_enumeration_reaches_is_missed(seed: int) -> None:
 
 def test_a_narrow_stretch_beyond_the_beliefs_that_share_a_corner_is_found() -> None:
     problem = MarkowitzProblem(*NARROW)
-    best = farthest(explained(NARROW, NARROW_BELIEF, NARROW_BUDGET), NARROW_BELIEF)
+    best = farthest(explained(NARROW, NARROW_BELIEF, NARROW_BUDGET, FINE), NARROW_BELIEF)
     decision = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(NARROW_BUDGET)).decide(NARROW_BELIEF)
     assert problem.solve(NARROW_BELIEF)[0] == 0.0
     assert 0.0 < decision.action[0] < 1e-3

@@ -212,5 +212,8 @@ def test_decisions_whose_rows_have_too_many_facets_are_left_out_and_said(caplog:
     candidates = None if audited() else decoy_grid(problem, 3, faces=True)
     decision = CounterAdversarialDecisionMaker(problem, budget=0.2, candidates=candidates).decide([0.2, 0.3, 0.5])
     assert "very many kinks and constraints meet are left out" in caplog.text
+    caplog.clear()
+    assert len(decoy_grid(problem, 3)) < 10, "a grid without mixtures of tied vertices leaves them out too"
+    assert "very many kinks and constraints meet are left out" in caplog.text
     assert consistent_beliefs(problem, decision.action).distance([0.2, 0.3, 0.5]) == pytest.approx(decision.privacy)
     assert decision.privacy > 0.7

@@ -197,7 +197,8 @@ def decoy_grid(problem: DecisionProblem, resolution: int, *, faces: bool = False
 
     Returns:
         C(r+X−1, X−1) candidates, or about 600,000, at most 750,000, where that is more; of a finite problem also every
-        other choice that some belief explains.
+        other choice that some belief explains. Under piecewise linear costs decisions are left out, with a warning, where so
+        many kinks meet that the beliefs that explain them have no short description.
 
     Raises:
         InputError: The resolution is not a whole number of at least 1, or `faces` is asked for and costs are not linear.
@@ -218,11 +219,11 @@ def decoy_grid(problem: DecisionProblem, resolution: int, *, faces: bool = False
     if problem.is_discrete:
         missing = _explained(problem, np.eye(problem.n_actions)[~found.actions.any(axis=0)])
         found = found if missing is None else found.joined(missing)
-    if not faces:
-        return found
-    if problem.linear_form() is None:
+    is_linear = problem.linear_form() is not None
+    if faces and not is_linear:
         raise InputError("faces=True is for linear and finite problems, whose optimal decisions can be tied")
-    return _with_ties(problem, found)
+    found = _described(problem, found) if is_linear else found
+    return found.joined(tied_mixtures(problem, found)) if faces else found
 
 
 def default_decoys(problem: DecisionProblem) -> Candidates:
@@ -235,13 +236,13 @@ def default_decoys(problem: DecisionProblem) -> Candidates:
         return every
     found = decided_by(problem, simplex_cover(problem.n_states, DEFAULT_SIZE))
     if problem.linear_form() is not None:
-        return _with_ties(problem, found)
+        found = _described(problem, found)
+        return found.joined(tied_mixtures(problem, found))
     return found.joined(near_decoys(problem)) if _has_indifferent_state(problem, found) else found
 
 
-def _with_ties(problem: DecisionProblem, found: Candidates) -> Candidates:
-    """Candidates under linear costs with mixtures of tied vertices, without those of which an observer's conclusion is not
-    known, unless it is known of none."""
+def _described(problem: DecisionProblem, found: Candidates) -> Candidates:
+    """Candidates under linear costs whose consistent beliefs can be described; all of them where none can."""
     known = describable(problem, found.actions)
     if found.decoys is not None and known.any() and not known.all():
         _LOGGER.warning(
@@ -250,8 +251,8 @@ def _with_ties(problem: DecisionProblem, found: Candidates) -> Candidates:
             len(known) - known.sum(),
             len(known),
         )
-        found = known_candidates(problem, found.actions[known], found.decoys[known])
-    return found.joined(tied_mixtures(problem, found))
+        return known_candidates(problem, found.actions[known], found.decoys[known])
+    return found
 
 
 def _has_indifferent_state(problem: DecisionProblem, candidates: Candidates) -> bool:

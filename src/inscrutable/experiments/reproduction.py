@@ -9,6 +9,7 @@ from math import comb
 
 import numpy as np
 
+from inscrutable import validation
 from inscrutable.decision_makers.results import Progress
 from inscrutable.experiments.claims import JudgedClaim, judge_claims
 from inscrutable.experiments.episodes import Episode
@@ -105,6 +106,7 @@ def reproduce(
         'holds'
     """
     chosen = ReproductionSettings() if settings is None else settings
+    validation.processes(jobs, "jobs")  # before the market of the figures begins
     with ThreadPoolExecutor(1) as beside:
         # With several processes, this one computes the market of the figures meanwhile.
         drawn = None if jobs == 1 else beside.submit(_drawn_market, chosen)

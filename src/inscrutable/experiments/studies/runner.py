@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
@@ -249,7 +250,13 @@ def facts_of(study: Study) -> dict[str, str]:
 def versions() -> dict[str, str]:
     """Return the versions on which figures may depend: Python, packages and the kind of machine."""
     machine = {"python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
-    return machine | {name: version(name) for name in _PACKAGES}
+    return machine | {name: _version_of(name) for name in _PACKAGES}
+
+
+@cache
+def _version_of(package: str) -> str:
+    """A package's version; its metadata are read once, which takes longer than a small study."""
+    return version(package)
 
 
 def work_of(study: Study, worlds: str) -> Work:

@@ -124,13 +124,6 @@ def claims(folder: Path, n_markets: int) -> None:
     list_table(folder / "claims.rst", claims_table(result), said, (40, 22, 22, 16))
 
 
-def not_judged(folder: Path) -> None:
-    """Write pages to include in place of the tables of claims, for a build that runs nothing."""
-    folder.mkdir(parents=True)
-    for name in ("claims", "introduction"):
-        folder.joinpath(f"{name}.rst").write_text("Not judged.\n", "utf-8")
-
-
 def introduction(folder: Path, n_markets: int) -> None:
     """Judge the claims of the paper's introduction, and write the table."""
     from inscrutable.experiments.introduction import introduction_claims
@@ -246,28 +239,14 @@ def make(app: Any) -> None:
     measured(MADE / "benchmarks")
     study_keys(MADE / "studies")
     model_keys(MADE / "model")
-    if not app.config.claims_markets:  # text and links alone are asked for
-        not_judged(MADE / "claims")
-        return
     curves(MADE / "benchmarks")
     first_steps(HERE / "start-here.md", MADE / "start")
     claims(MADE / "claims", app.config.claims_markets)
     introduction(MADE / "claims", min(app.config.claims_markets, 50))
 
 
-def run_nothing(app: Any, config: Any) -> None:
-    """Where no market is asked for, run no script either: text and links remain, and pictures are missing."""
-    if not config.claims_markets:
-        config.plot_gallery = False
-        config.suppress_warnings = [
-            *config.suppress_warnings,
-            "image.not_readable",
-        ]
-
-
 def setup(app: Any) -> dict[str, Any]:
     """Connect before the galleries are made."""
     app.add_config_value("claims_markets", 100, "env", types=[int])
-    app.connect("config-inited", run_nothing)
     app.connect("builder-inited", make, priority=100)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -49,7 +49,7 @@ def pytest_collection_finish() -> None:
 SHORTENING = {"audited", "draft_simulations", "instances", "paired", "some"}
 """A module that has one of these draws fewer instances in `make test`."""
 
-LONGEST = ("test_site.py", "test_documents.py", "test_studies.py", "test_study_cluster.py")
+LONGEST = ("test_documents.py", "test_studies.py", "test_study_cluster.py")
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -11,10 +11,14 @@ import pytest
 from scipy.linalg import null_space
 
 from inscrutable import (
+    GaussianEmission,
+    HiddenMarkovModel,
     InputError,
     LinearGaussianWorld,
     ModelError,
     PublicPart,
+    filter_beliefs,
+    fit_gaussian_hmm,
     kalman_filter,
     steady_filter,
 )
@@ -340,6 +344,22 @@ def test_gaps_are_aligned_with_observations_by_their_labels() -> None:
         kalman_filter(world, rows, gaps=rows.isna().rename(columns={"price": "yield"}))
     with pytest.raises(InputError, match="gaps has other row labels"):
         kalman_filter(world, rows, gaps=rows.isna().rename(index={"May": "April"}))
+
+
+@pytest.mark.parametrize("kept", ["times", "dates"])
+def test_rows_that_go_back_in_time_are_refused(kept: str) -> None:
+    days = pd.date_range("2020-01-31", periods=4, freq="ME")
+    rows = pd.DataFrame([[1.0], [2.0], [0.0], [5.0]], days if kept == "times" else days.date)
+    world = LinearGaussianWorld([[0.9]], [[0.19]], [[1.0]], [[1.0]])
+    hidden = HiddenMarkovModel([[0.9, 0.1], [0.1, 0.9]], GaussianEmission([[0.0], [3.0]], [[[1.0]]] * 2))
+    for use in (
+        lambda given: kalman_filter(world, given),
+        lambda given: filter_beliefs(hidden, given),
+        lambda given: fit_gaussian_hmm(given, 1, rng=np.random.default_rng(0), n_restarts=1),
+    ):
+        use(rows)
+        with pytest.raises(InputError, match="in the order of time: after 2020-04-30"):
+            use(rows.iloc[::-1])
 
 
 def test_a_sensor_without_noise_and_an_unstable_world() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import OrderedDict
 from types import SimpleNamespace
 
@@ -87,6 +88,26 @@ def test_parameters_with_the_layout_of_dynamax():
     for wrong in (None, SimpleNamespace(transmat_=1), SimpleNamespace(transmat_=1, startprob_=1, weights_=1)):
         with pytest.raises(InputError):
             ins.from_hmmlearn(wrong)
+
+
+@pytest.mark.parametrize("kind", ["spherical", "diag", "tied", "full"])
+def test_every_kind_of_covariance_of_hmmlearn_is_read(kind):
+    hmm = pytest.importorskip("hmmlearn.hmm")
+    rows = np.random.default_rng(0).normal(size=(200, 2)) * [1.0, 3.0]
+    model = hmm.GaussianHMM(2, kind, random_state=0).fit(rows)
+    assert ins.filter_beliefs(ins.from_hmmlearn(model), rows).log_likelihood == pytest.approx(
+        model.score(rows), rel=1e-9
+    )
+
+
+def test_labels_of_several_levels_survive_plain_data():
+    columns = pd.MultiIndex.from_tuples([("x", 1), ("x", 2)])
+    means = pd.DataFrame([[0.0, 0.0], [3.0, 1.0]], columns=columns)
+    world = ins.HiddenMarkovModel([[0.9, 0.1], [0.1, 0.9]], ins.GaussianEmission(means, [np.eye(2)] * 2))
+    again = ins.HiddenMarkovModel.from_dict(json.loads(json.dumps(world.to_dict())))
+    rows = pd.DataFrame([[0.1, 0.2], [2.0, 1.0]], columns=columns)
+    found = [ins.filter_beliefs(each, rows[rows.columns[::-1]]).beliefs for each in (world, again)]
+    np.testing.assert_array_equal(*found)
 
 
 def test_weights_as_other_packages_give_them():

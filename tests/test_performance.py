@@ -161,6 +161,13 @@ def test_scale_does_not_change_the_interval() -> None:
     np.testing.assert_allclose(one, other, rtol=1e-9)
 
 
+def test_two_rows_determine_no_interval() -> None:
+    """Their influences are equal up to the sign; intervals of width 0 were stated."""
+    for first, second in (([0.02, 0.01], [0.05, 0.03]), ([0.02, 0.01], [0.01, 0.04])):
+        found = sharpe_difference(first, second, rng=np.random.default_rng(0))
+        assert (found.low, found.high) == (-np.inf, np.inf)
+
+
 def test_refusals() -> None:
     rng = np.random.default_rng(0)
     with pytest.raises(InputError, match=r"one shape \(T,U\)"):

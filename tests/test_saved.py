@@ -5,22 +5,27 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from inscrutable import (
+    BeliefSet,
     CounterAdversarialDecisionMaker,
     Decision,
     Decisions,
     Frontier,
     GlobalSearch,
+    Infeasibility,
     InputError,
     MarkowitzProblem,
     MixedDecision,
     MixedDecisions,
     ProbabilisticDecisionMaker,
+    consistent_beliefs,
     privacy_frontier,
 )
 
@@ -182,6 +187,20 @@ def test_calls_of_proofs_round_trip_and_older_files_have_none(problem, tmp_path)
         assert type(many).load(older)[1].oracle_calls == 0
     plain = CounterAdversarialDecisionMaker(problem).decide_many(beliefs)
     assert plain.oracle_calls.tolist() == [0, 0]
+
+
+def test_an_empty_set_keeps_its_gap(tmp_path):
+    problem = MarkowitzProblem([[0.3, 0.1, 0], [0, 0.1, 0.25]], [np.diag([1.0, 2, 3]), np.diag([3.0, 1, 1])], 0.7)
+    made = consistent_beliefs(problem, [0.05, 0.9, 0.05])
+    made.save(tmp_path / "set.npz")
+    loaded = BeliefSet.load(tmp_path / "set.npz")
+    assert loaded.is_empty
+    assert loaded.plausibility_gap == made.plausibility_gap > 0.1
+    assert loaded.gap_reaches(1e-6)
+    assert Infeasibility()([0.3, 0.7], loaded) == Infeasibility()([0.3, 0.7], made)
+    dated = replace(made, state_names=tuple(pd.date_range("2020-01-01", periods=2)))
+    with pytest.raises(InputError, match=r"set\.npz was not written: .* expected labels that are texts or numbers"):
+        dated.save(tmp_path / "set.npz")
 
 
 def test_foreign_files_are_refused(problem, tmp_path):

@@ -70,7 +70,10 @@ class Saved:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the result to `path` as npz, all or nothing; raise `InputError` where it cannot be written."""
         arrays: dict[str, Any] = {}
-        described = json.dumps({"format": _FORMAT, "result": _encode(self, arrays)})
+        try:
+            described = json.dumps({"format": _FORMAT, "result": _encode(self, arrays)})
+        except TypeError as error:  # such as a label that is a date
+            raise InputError(f"{path} was not written: {error}; expected labels that are texts or numbers") from None
         # A stream, because numpy adds an ending to a name.
         with whole_file(path) as temporary, temporary.open("wb") as stream:
             np.savez_compressed(stream, description=np.array(described), **arrays)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from datetime import date
 from typing import Any
 
 import numpy as np
@@ -171,6 +172,8 @@ def time_order(index: Any, name: str) -> None:
     """Raise `InputError` where an index of dates goes back in time; other labels have no order."""
     import pandas as pd
 
+    if index.dtype == object and len(index) and all(isinstance(each, date) for each in index):
+        index = pd.DatetimeIndex(index)
     if not isinstance(index, (pd.DatetimeIndex, pd.PeriodIndex)):
         return
     back = np.flatnonzero(np.diff(index.asi8) < 0)

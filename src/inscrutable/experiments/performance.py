@@ -252,8 +252,9 @@ def sharpe_difference(
     around = _block_sums(np.concatenate([influence[0], influence[0, : length - 1]])[None], length, 1)
     error = float(np.sqrt((around**2).mean() / (length * rows)))
     deviations = _studentised(both, float(centre[0]), length, replicates, rng)
-    # An order statistic, not an interpolation: samples that do not vary are infinite.
+    # An order statistic, not an interpolation: samples that do not vary are infinite. Two rows vary by their signs alone.
     reach = float(np.sort(deviations)[int(np.ceil(level * replicates)) - 1]) * error if error > 0 else 0.0
+    reach = reach if rows > 2 else np.inf
     return SharpeDifference(difference, difference - reach, difference + reach)
 
 

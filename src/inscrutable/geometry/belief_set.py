@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,6 +51,8 @@ class BeliefSet(Saved):
         [[0.  0.  0. ]
          [0.5 0.5 1. ]]
     """
+
+    _derived: ClassVar[tuple[str, ...]] = ("plausibility_gap",)  # the function of it is not saved
 
     equalities: Array
     inequalities: Array

@@ -25,6 +25,7 @@ class ConeProgramme(NamedTuple):
     cones: Any
     first: int  # place of the decision in x
     size: int  # U
+    units: Array  # (n,), x in the units of the decision maker, over x here
 
     def objective(self, belief: Array) -> tuple[Any, Array]:
         """Return P and c."""
@@ -44,11 +45,53 @@ class ConeProgramme(NamedTuple):
         found = solver.solve()
         if found.status != clarabel.SolverStatus.Solved:
             return None
-        return np.asarray(found.x)[self.first : self.first + self.size]
+        decision = slice(self.first, self.first + self.size)
+        return np.asarray(self.units[decision] * np.asarray(found.x)[decision])
+
+    def scaled(self, unit: float, blocks: list[int]) -> ConeProgramme:
+        """Return it for x = D y with decisions in `unit` (`ruled_units`), and rows near one: (E A D)y + t = E b, t in a cone of
+        rows that have one factor E. The solver's tolerances are for numbers near one."""
+        from scipy.sparse import diags_array
+
+        units, factors = ruled_units(self, unit, blocks)
+        n = self.slopes.shape[1]
+        return self._replace(
+            squares=self.squares * units[self.places % n] * units[self.places // n],
+            slopes=self.slopes * units,
+            rows=(diags_array(factors) @ self.rows @ diags_array(units)).tocsc(),
+            sides=factors * self.sides,
+            units=units,
+        )
 
 
-def cone_programme(cvxpy: Any, problem: Any, parameter: Any, variable: Any) -> ConeProgramme | None:
-    """Return a compiled problem as a cone programme, where its data are linear in the parameter (X,); else None."""
+def ruled_units(programme: ConeProgramme, unit: float, blocks: list[int]) -> tuple[Array, Array]:
+    """Return the units D (n,) of all variables, from that of the decision, and factors E (m,) of rows.
+
+    A block of rows that share a cone has the size of its largest known term, its side included; a variable without a unit that
+    occurs in it has the unit in which its term is that large.
+    """
+    size, first = programme.slopes.shape[1], programme.first
+    terms, sides = abs(programme.rows).tocoo(), np.abs(programme.sides)
+    block = np.repeat(np.arange(len(blocks)), blocks)
+    units: Array = np.zeros(size)
+    units[first : first + programme.size] = unit
+    while True:
+        largest = np.zeros(len(blocks))
+        np.maximum.at(largest, block, sides)
+        np.maximum.at(largest, block[terms.row], terms.data * units[terms.col])
+        reached = (units[terms.col] == 0) & (largest[block[terms.row]] > 0) & (terms.data > 0)
+        if not reached.any():
+            break
+        new = np.zeros(size)
+        np.maximum.at(new, terms.col[reached], largest[block[terms.row[reached]]] / terms.data[reached])
+        units = np.where(units > 0, units, new)
+    units = np.exp2(np.round(np.log2(np.where(units > 0, units, 1.0))))
+    return units, 1.0 / np.where(largest > 0, largest, 1.0)[block]
+
+
+def cone_programme(cvxpy: Any, problem: Any, parameter: Any, variable: Any, unit: float) -> ConeProgramme | None:
+    """Return a compiled problem as a cone programme, where its data are linear in the parameter (X,); else None. `unit` is the
+    size of decisions."""
     from cvxpy.reductions.solvers.conic_solvers.clarabel_conif import dims_to_solver_cones
     from scipy import sparse
 
@@ -72,7 +115,7 @@ def cone_programme(cvxpy: Any, problem: Any, parameter: Any, variable: Any) -> C
         row[np.searchsorted(taken, place)] = part.data
     made = ConeProgramme(
         entries, taken, np.array([data["c"] for data in each]), each[0]["A"], each[0]["b"],
-        dims_to_solver_cones(each[0]["dims"]), first, int(variable.size),
+        dims_to_solver_cones(each[0]["dims"]), first, int(variable.size), np.ones(each[0]["A"].shape[1]),
     )  # fmt: skip
     data, (square, slope) = data_at(uneven), made.objective(uneven)
     rounding = tolerances.EXACT_COST * (np.abs(slope).max() + abs(square).max())
@@ -82,12 +125,20 @@ def cone_programme(cvxpy: Any, problem: Any, parameter: Any, variable: Any) -> C
         is_linear &= abs(data["A"] - other["A"]).max() == 0 and np.array_equal(data["b"], other["b"])
     if not is_linear or first is None:
         return None
+    dims = each[0]["dims"]
+    blocks = [1] * (dims.zero + dims.nonneg) + [*dims.soc, *(n * (n + 1) // 2 for n in dims.psd)]
+    blocks += [3] * (dims.exp + len(dims.p3d))
+    if unit != 1.0 and sum(blocks) == len(made.sides):
+        made = made.scaled(unit, blocks)
     for belief in (uneven, *np.eye(parameter.size)):  # Clarabel stops short of a solution at some beliefs
         found = made.solve(belief)
         if found is not None:
             parameter.value = belief
             cost = problem.solve(solver=cvxpy.CLARABEL, warm_start=False)
             variable.save_value(found)
-            gap = abs(float(problem.objective.value) - cost)
-            return made if gap <= tolerances.CONE_COST * max(abs(cost), 1.0) else None
+            # In another unit than one, CVXPY's own solution may be dearer.
+            gap = abs(float(problem.objective.value) - cost) if unit == 1.0 else float(problem.objective.value) - cost
+            broken = max((float(np.max(each.violation())) for each in problem.constraints), default=0.0)
+            is_it = gap <= tolerances.CONE_COST * max(abs(cost), 1.0) and broken <= tolerances.CONE_COST * unit
+            return made if is_it else None
     return None

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import nnls
 
 from inscrutable import tolerances, validation
 from inscrutable.axes import Axis
@@ -246,19 +247,30 @@ class ConvexProblem(DecisionProblem):
                 axis=1, initial=0.0
             )
             shown[at] = np.maximum(left, wrong) <= tolerances.SHOWN_OPTIMAL * scale[at]
+            # Where tight rows depend on one another, others of their multipliers may have the right signs.
+            for point in at[~shown[at]] if np.linalg.matrix_rank(rows) < len(rows) else ():
+                columns = np.vstack([rows, -region.A_eq]).T
+                shown[point] = nnls(columns, -gradients[point])[1] <= tolerances.SHOWN_OPTIMAL * scale[point]
         return np.asarray(shown)
 
     def _polished(self, beliefs: Array, rough: Array) -> Array:
         """The interior-point solver's points, polished where costs have gradients, and made feasible elsewhere."""
         found, left = np.array(rough), np.arange(len(rough))
         if self.differentiable:
-            found = self._newton(beliefs, rough)
+            # Newton's steps keep no start outside C, whose cost may be below the optimum.
+            outside = self.constraints.violation(rough) > 0.0
+            found[outside] = self._nearest(rough[outside])
+            found = self._newton(beliefs, found)
             left = np.flatnonzero(~(self.constraints.violation(found) <= tolerances.FEASIBILITY))
-        if left.size:
-            # The nearest feasible decisions.
-            units = np.broadcast_to(np.eye(self.n_actions), (left.size, self.n_actions, self.n_actions))
-            found[left] = solve_programmes(units, -rough[left], self._layout)
+        found[left] = self._nearest(rough[left])
         return found
+
+    def _nearest(self, points: Array) -> Array:
+        """The nearest feasible decisions."""
+        if not len(points):
+            return points
+        units = np.broadcast_to(np.eye(self.n_actions), (len(points), self.n_actions, self.n_actions))
+        return solve_programmes(units, -points, self._layout)
 
     def _newton(self, beliefs: Array, starts: Array) -> Array:
         """Apply Newton's method to all beliefs together; if it fails, to each alone, and keep the start where it fails."""

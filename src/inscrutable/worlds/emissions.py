@@ -13,7 +13,7 @@ from inscrutable import tolerances, validation
 from inscrutable.axes import Axis
 from inscrutable.errors import InputError, ModelError
 from inscrutable.validation import Array
-from inscrutable.worlds.observations import Labels, real_rows, symbols
+from inscrutable.worlds.observations import Labels, labels_of, real_rows, symbols
 
 
 @runtime_checkable
@@ -220,7 +220,7 @@ def emission_from_dict(data: Any) -> Emission:
         if kind == "categorical":
             return CategoricalEmission(data["probabilities"])
         if kind == "gaussian":
-            return GaussianEmission(data["means"], data["covariances"], asset_names=data["asset_names"])
+            return GaussianEmission(data["means"], data["covariances"], asset_names=labels_of(data["asset_names"]))
     except KeyError as error:
         raise InputError(f"a {kind} emission needs the key {error}; it has {sorted(data)}") from None
     raise InputError(f"an emission's type must be 'categorical' or 'gaussian', got {kind!r}")

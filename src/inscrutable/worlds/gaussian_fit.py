@@ -22,7 +22,7 @@ from inscrutable.worlds.baum_welch import Climb, Standardised, standardised
 from inscrutable.worlds.covariances import CovarianceRule, covariance_rule
 from inscrutable.worlds.emissions import GaussianEmission
 from inscrutable.worlds.hidden_markov import HiddenMarkovModel
-from inscrutable.worlds.observations import Labels, column_labels, real_rows
+from inscrutable.worlds.observations import Labels, column_labels, is_labelled, real_rows
 
 TRIALS = 12
 """Starting points of one restart. Most lead to poor optima, which ten steps show: on monthly returns of a dozen industries one
@@ -217,6 +217,8 @@ def fit_gaussian_hmm(
     validation.generator(rng)
     n_states = validation.count(n_states, "n_states")
     n_restarts = validation.count(n_restarts, "n_restarts")
+    if is_labelled(observations):
+        validation.time_order(observations.index, "observations")
     rows = real_rows(observations)
     distinct = len(np.unique(rows, axis=0))
     if distinct < n_states:

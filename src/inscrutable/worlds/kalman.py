@@ -86,6 +86,8 @@ def kalman_filter(
     """
     if not isinstance(world, LinearGaussianWorld):
         raise InputError(f"world must be a LinearGaussianWorld, got {world!r}")
+    if is_labelled(observations):
+        validation.time_order(observations.index, "observations")
     values = _rows(observations, world.sensor.shape[-2], world.observation_names, "observations")
     _check_gaps(values, gaps, observations, world.observation_names)
     if world.n_steps is not None and len(values) > world.n_steps:

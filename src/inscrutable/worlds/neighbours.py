@@ -45,6 +45,8 @@ def from_hmmlearn(model: Any) -> HiddenMarkovModel:
     if hasattr(model, "emissionprob_"):
         return HiddenMarkovModel(parts[0], CategoricalEmission(model.emissionprob_), parts[1])
     means, covariances = _fitted(model, ("means_", "covars_"), "a fitted GaussianHMM of hmmlearn")
+    if getattr(model, "covariance_type", "") == "spherical":  # hmmlearn 0.3.3 repeats each of them for every dimension
+        covariances = covariances[:: len(covariances) // len(means)]
     return HiddenMarkovModel(parts[0], GaussianEmission(means, covariances), parts[1])
 
 

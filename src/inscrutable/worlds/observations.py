@@ -41,6 +41,11 @@ def column_labels(observations: Any) -> Labels | None:
     return labels
 
 
+def labels_of(saved: Any) -> Labels | None:
+    """Return labels from plain data, where a label of several levels is a list."""
+    return None if saved is None else tuple(tuple(each) if isinstance(each, list) else each for each in saved)
+
+
 def real_rows(observations: Any, assets: Axis | None = None) -> Array:
     """Return observations as a finite (T,D) array; columns are put in the order of `assets`, None for their own."""
     found = column_labels(observations)

@@ -13,7 +13,7 @@ from inscrutable.axes import Axis
 from inscrutable.errors import InputError
 from inscrutable.validation import Array
 from inscrutable.worlds.emissions import CategoricalEmission, Emission, GaussianEmission, emission_from_dict, frozen
-from inscrutable.worlds.observations import Labels, in_rows, is_labelled, real_rows, row_name, symbols
+from inscrutable.worlds.observations import Labels, in_rows, is_labelled, labels_of, real_rows, row_name, symbols
 
 UNREAD = -1
 """Stands for a missing public symbol."""
@@ -93,8 +93,8 @@ def public_from_dict(data: Any) -> Emission | PublicPart | None:
         return None if data is None else emission_from_dict(data)
     try:
         part = PublicPart(data["matrix"])
-        object.__setattr__(part, "names", _labels(data["names"]))
-        object.__setattr__(part, "asset_names", _labels(data["asset_names"]))
+        object.__setattr__(part, "names", labels_of(data["names"]))
+        object.__setattr__(part, "asset_names", labels_of(data["asset_names"]))
     except KeyError as error:
         raise InputError(f"a public part needs the key {error}; it has {sorted(data)}") from None
     return part
@@ -231,7 +231,3 @@ def _check_part(part: PublicPart, sensor: Emission, observations: Any, given: An
 
 def _merged(part: PublicPart) -> NDArray[np.int64]:
     return np.asarray(part.matrix.argmax(axis=0), dtype=np.int64)
-
-
-def _labels(given: Any) -> Labels | None:
-    return None if given is None else tuple(given)

@@ -206,9 +206,14 @@ def test_an_aware_observer_with_another_law_or_a_coarse_grid_judges_nothing(movi
     law = shifted(moving, {"error_without": 1.6 * expected, **HIDDEN}, ODM=read)
     grid = shifted(moving, {"error_without": expected, **HIDDEN}, ODM={**read, "error_followed": 0.11 * expected})
     for poor, said in ((law, "these beliefs follow another"), (grid, "errs more than the naive one (")):
-        assert "from the naive observer alone" in verdict(poor)[0]
+        assert "from the naive observer (from the aware one it cannot be judged)" in verdict(poor)[0]
         assert any("cannot be judged, as its estimates are poor here" in line for line in verdict(poor))
         assert any(said in line for line in cautions(poor)) != any(said in line for line in cautions(good))
+    # Weights that say nothing are hidden from everybody.
+    constant = shifted(law, {}, CDM={"bits_followed": 0.0})
+    assert "counter-adversarial weights hide" in verdict(constant)[0]
+    assert "both observers" in verdict(constant)[0]
+    assert "counter-adversarial cannot be judged" not in " ".join(verdict(constant))
     unread = shifted(
         moving, {"error_without": expected, **HIDDEN}, ODM={**HIDDEN, **{k: read[k] for k in list(read)[::2]}}
     )

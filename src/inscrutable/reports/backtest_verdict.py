@@ -50,7 +50,7 @@ def answer(result: Backtest) -> str:
     unsure, _ = _poor_estimates(result)
     for name in hiding:
         naive, aware = (asked.is_met(seen.reached(name, figures[name])) for seen in _SEEN.values())
-        groups.setdefault(_WHOM[naive, aware and name not in unsure], []).append(name)
+        groups.setdefault(_WHOM[naive, None if aware and name in unsure else aware], []).append(name)
     unit, worth = f" basis points of risk-adjusted return a {result.market.frequency.word}", _worth(result)
     if worth > 0.0:
         unit += f" (the belief is worth {_basis_points(worth)})"
@@ -172,11 +172,13 @@ _SEEN = {
 }
 _WHOM = {
     (True, True): "both observers, naive and aware of the rule",
+    (True, None): "the naive observer (from the aware one it cannot be judged)",
     (False, True): "the aware observer alone",
     (True, False): "the naive observer alone",
+    (False, None): "no observer of whom it can be judged",
     (False, False): "neither observer",
 }
-"""Text for the observers from whom a belief is hidden, by (naive, aware)."""
+"""Text for the observers from whom a belief is hidden, by (naive, aware); None where it seems hidden to poor estimates."""
 
 
 def verdict(result: Backtest) -> list[str]:
@@ -414,10 +416,14 @@ def _poor_estimates(result: Backtest) -> tuple[set[str], str]:
     """
     if result.aware is None:
         return set(), ""
-    figures = result.figures
+    figures = {
+        name: each for name, each in result.figures.items() if each["bits_followed"] != 0.0
+    }  # the others say nothing
+    if result.names[0] not in figures:
+        return set(), ""
     here, there = figures[result.names[0]]["error_without"], result.aware.prior.error
     if here > max(_ANOTHER_LAW * there, tolerances.SAME_BELIEF):
-        return set(result.names), (
+        return set(figures), (
             "The aware observer expects the belief's long-run law in the fitted regimes, and these beliefs follow another: "
             f"without weights it errs by {here:.2f} instead of {there:.2f}. One who knows their law may read them."
         )

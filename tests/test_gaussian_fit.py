@@ -179,6 +179,14 @@ class TestCollapse:
         }
         assert fitted.summary().count("regime 1 collapsed on 1.0 observations") == 10
 
+    @pytest.mark.parametrize("column", [None, "constant", "copied"])
+    def test_a_regime_on_equal_rows_is_reported_beside_columns_that_say_nothing(self, column: str | None) -> None:
+        rows = np.random.default_rng(0).normal(size=(200, 2))
+        rows[50:65] = 0.0
+        more = {"constant": [np.ones(200)], "copied": [rows[:, 0]], None: []}[column]
+        found = fit(np.column_stack([rows, *more]), 2, seed=1, n_restarts=4)
+        assert "the fit collapsed in each of 4 starts" in found.doubt
+
     def test_a_sound_world_wins_though_a_collapsed_one_is_more_likely(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Two periods and, between them, six equal returns: a regime on those six is as likely as its floor allows."""
         rng = np.random.default_rng(3)

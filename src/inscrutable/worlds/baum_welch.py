@@ -9,6 +9,7 @@ or made of factors is no maximiser: the run then ends where the likelihood no lo
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,16 +30,20 @@ class Standardised:
     With `mix` (D,D) the shrunk covariance of the whole sample is the identity: a regime shrunk towards a multiple of the
     identity is then shrunk towards a multiple of the sample's covariance. None leaves the rows as they are.
 
-    `log_volume` is the change of one observation's log density by the scaling. `floored` says that the whole sample lies below
-    the floor in some direction, as with a constant or a duplicated column.
+    `log_volume` is the change of one observation's log density by the scaling.
     """
 
     rows: Array
     centre: Array
     scale: Array
     log_volume: float
-    floored: bool
     mix: Array | None = None
+
+    @cached_property
+    def varied(self) -> Array:
+        """Orthonormal directions (D,k) in which the whole sample varies by more than the floor, as along no constant column."""
+        sizes, directions = np.linalg.eigh(np.atleast_2d(np.cov(self.rows.T, bias=True)))
+        return np.asarray(directions[:, sizes > tolerances.COVARIANCE_FLOOR])
 
     def mixed(self) -> Standardised:
         """Return the same observations with the shrunk covariance of the whole sample as the unit."""
@@ -93,8 +98,7 @@ def standardised(raw: Array) -> Standardised:
         raise ModelError(f"all {len(raw)} observations are equal: there is no variance to fit")
     scale[constant] = scale[~constant].min()
     rows = (raw - centre) / scale
-    smallest = np.linalg.eigvalsh(np.atleast_2d(np.cov(rows.T, bias=True)))[0]
-    return Standardised(rows, centre, scale, float(np.log(scale).sum()), bool(smallest <= tolerances.COVARIANCE_FLOOR))
+    return Standardised(rows, centre, scale, float(np.log(scale).sum()))
 
 
 class Climb:
@@ -150,10 +154,11 @@ class Climb:
         self.trace.append(float(increments.sum()))
 
     def collapsed(self) -> tuple[int, ...]:
-        """States with fewer observations than a covariance needs, or at the floor where the whole sample is not."""
-        at_floor = np.linalg.eigvalsh(self.parameters.covariances)[:, 0] < 2.0 * tolerances.COVARIANCE_FLOOR
-        too_few = self.weights < self.least_weight
-        return tuple(int(i) for i in np.flatnonzero(too_few | (at_floor & (not self._data.floored))))
+        """States with fewer observations than a covariance needs, or at the floor where the whole sample varies."""
+        varied = self._data.varied
+        spreads = np.linalg.eigvalsh(varied.T @ self.parameters.covariances @ varied)
+        at_floor = (spreads < 2.0 * tolerances.COVARIANCE_FLOOR).any(axis=1)
+        return tuple(int(i) for i in np.flatnonzero((self.weights < self.least_weight) | at_floor))
 
     def order_by_volatility(self) -> None:
         """Put the states in the order of the trace of their covariance in the data's own unit, smallest first."""

@@ -49,11 +49,13 @@ class ConeProgramme(NamedTuple):
         return np.asarray(self.units[decision] * np.asarray(found.x)[decision])
 
     def scaled(self, unit: float, blocks: list[int]) -> ConeProgramme:
-        """Return it for x = D y with decisions in `unit` (`ruled_units`), and rows near one: (E A D)y + t = E b, t in a cone of
-        rows that have one factor E. The solver's tolerances are for numbers near one."""
+        """Return it for x = D y and rows near one: (E A D)y + t = E b, decisions in `unit`, one factor E for rows of a cone.
+
+        The solver's tolerances are for numbers near one.
+        """
         from scipy.sparse import diags_array
 
-        units, factors = ruled_units(self, unit, blocks)
+        units, factors = propagated_units(self, unit, blocks)
         n = self.slopes.shape[1]
         return self._replace(
             squares=self.squares * units[self.places % n] * units[self.places // n],
@@ -64,7 +66,7 @@ class ConeProgramme(NamedTuple):
         )
 
 
-def ruled_units(programme: ConeProgramme, unit: float, blocks: list[int]) -> tuple[Array, Array]:
+def propagated_units(programme: ConeProgramme, unit: float, blocks: list[int]) -> tuple[Array, Array]:
     """Return the units D (n,) of all variables, from that of the decision, and factors E (m,) of rows.
 
     A block of rows that share a cone has the size of its largest known term, its side included; a variable without a unit that

@@ -202,16 +202,13 @@ class Modelled:
     def _solve(self, belief: Array) -> Array:
         """In the scale of the costs; where that fails, as they stand, and in that of large ones, which Clarabel may take for
         costs without a minimum. The problem as it stands is reported."""
-        try:
-            return self._solve_at(belief / self.scale)
-        except (ModelError, SolverError) as error:
-            reported = error
-        for scale in {1.0, self._largest_slope} - {self.scale}:
+        failed: dict[float, ModelError | SolverError] = {}
+        for scale in dict.fromkeys((self.scale, 1.0, self._largest_slope)):
             try:
                 return self._solve_at(belief / scale)
             except (ModelError, SolverError) as error:
-                reported = error if scale == 1.0 else reported
-        raise reported
+                failed[scale] = error
+        raise failed[1.0]
 
     @cached_property
     def _cones(self) -> ConeProgramme | None:

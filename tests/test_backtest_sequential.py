@@ -12,7 +12,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from inscrutable import Budget, CounterAdversarialDecisionMaker, GaussianEmission, HiddenMarkovModel, InputError
+from inscrutable import (
+    Budget,
+    CounterAdversarialDecisionMaker,
+    GaussianEmission,
+    HiddenMarkovModel,
+    InputError,
+    PriceStatus,
+)
 from inscrutable.adversaries import SequentialAdversary
 from inscrutable.experiments import backtest_aware, backtest_sequential
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
@@ -25,7 +32,7 @@ from inscrutable.mechanisms.chains import predicted_chain
 from inscrutable.privacy import DesiredObfuscation
 from inscrutable.privacy.leaks import silence_regret
 from inscrutable.reports.backtest import notes_of, summary_data, table_of, text_of, write_backtest
-from inscrutable.reports.backtest_verdict import limits, verdict
+from inscrutable.reports.backtest_verdict import cautions, limits, verdict
 from sizes import audited
 from small_runs import coarse_rivals, repeated_fits, short_simulations
 
@@ -66,6 +73,17 @@ def test_it_is_one_more_column_and_the_others_stay_as_they_were(found: Backtest)
     assert np.isnan(without.figures["CDM"]["error_ceiling"])
     assert found.figures["SDM"]["annual_turnover"] < found.figures["PDM"]["annual_turnover"]
     assert "SDM" in table_of(found).columns
+
+
+def test_a_budget_that_is_met_within_a_large_error_alone_is_a_caution(found: Backtest) -> None:
+    assert found.sequential is not None
+    maker = found.sequential.maker
+    doubtful = replace(maker.calibration, status=PriceStatus.WITHIN_ERROR)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(maker, "_calibration", doubtful)
+        assert doubtful.caution()
+        assert doubtful.caution() in cautions(found)
+    assert doubtful.caution() not in cautions(found)
 
 
 def test_it_may_spend_half_of_what_silence_costs(found: Backtest) -> None:

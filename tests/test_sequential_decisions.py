@@ -237,6 +237,26 @@ def test_a_regret_that_leaps_past_the_budget_is_met_by_two_prices(fresh_rng: np.
     assert low < 50.0 <= high <= 1.02 * low
 
 
+def test_a_budget_met_within_a_large_error_alone_says_so(fresh_rng: np.random.Generator) -> None:
+    """Whatever the price, the simulated regret is a tenth above the budget, or below it, and its error half as large."""
+    maker = maker_of(fresh_rng)
+    for off in (1.1, 0.9, 1.01):
+
+        def tried(market: Any, prices: Prices, n_steps: int, off: float = off) -> calibration.PriceTrial:
+            return calibration.PriceTrial(prices.regret, off * market.limit, 0.05 * market.limit, 0.1, 0.0, 0.1)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(calibration, "tried", tried)
+            found = calibration.calibrated(maker.table, maker.law, maker.limit, ALONE, fresh_rng)
+        assert found.status is (PriceStatus.CALIBRATED if off == 1.01 else PriceStatus.WITHIN_ERROR)
+        assert found.caution() == (
+            ""
+            if off == 1.01
+            else "The budget of the sequential rule is met only within the error of its simulation: the long-run regret is "
+            f"{off - 1:+.0%} from it, with a standard error of 5%."
+        )
+
+
 def test_a_budget_that_a_cap_keeps_from_being_spent_says_so(fresh_rng: np.random.Generator) -> None:
     chain = resting_chain(Prior([[0.9, 0.1], [0.5, 0.5], [0.2, 0.8]], [0.3, 0.4, 0.3]), 0.8)
     maker = SequentialDecisionMaker(

@@ -17,7 +17,7 @@ from inscrutable import validation
 from inscrutable.axes import Axis
 from inscrutable.budgets import Budget, SilenceShare, as_budget
 from inscrutable.datasets import crowded_months
-from inscrutable.decision_makers import DecisionSequence, MixedDecision, SequentialDecisionMaker
+from inscrutable.decision_makers import DecisionSequence, MixedDecision, PriceCalibration, SequentialDecisionMaker
 from inscrutable.decision_makers.sequential.sequence import StepFigures
 from inscrutable.decision_makers.sequential.state import SequenceState
 from inscrutable.errors import InputError
@@ -60,6 +60,7 @@ class ProtectedStep:
         is_dated: Whether the period of the decision is known.
         revised: The date to which the returns are not those of the last decision, or None.
         decided: The date of the last decision, where the returns have no row after it and the belief is not of this step.
+        prices: The prices of the rule, and the long-run means that were simulated at them.
     """
 
     model: InvestorModel
@@ -85,6 +86,7 @@ class ProtectedStep:
     is_dated: bool = False
     revised: str | None = None
     decided: str | None = None
+    prices: PriceCalibration | None = None
 
     def table(self) -> pd.DataFrame:
         """Return one row per portfolio of the lottery, the likeliest first: probability, regret and weights."""
@@ -157,6 +159,8 @@ class ProtectedStep:
             f"The aware observer, who has seen {_counted(self.n_published - (self.published is not None))}, believes "
             f"{self._named(self.before)}.",
         ]
+        if self.prices is not None and self.prices.caution():
+            lines.append(self.prices.caution())
         if self.n_skipped:
             lines.append(f"Periods before this one without a decision: {self.n_skipped}. The observer's law moved on.")
         if self.decided is not None:
@@ -393,5 +397,5 @@ def _step(
         model, belief, lottery, before.mean, after, expected, published, sequence.latest, is_off_grid, is_approximate,
         sequence.n_published, sequence.total_regret, sequence.total_bits, float(np.sqrt(spread)),
         float(np.sqrt(sequence.calibration.loss)), ceiling, len(prior),
-        maker.limit, silence_regret(model.problem, prior.beliefs, prior.weights),
+        maker.limit, silence_regret(model.problem, prior.beliefs, prior.weights), prices=sequence.calibration,
     )  # fmt: skip

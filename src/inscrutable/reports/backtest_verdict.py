@@ -376,6 +376,8 @@ def cautions(result: Backtest) -> list[str]:
     if hiding and _few_others(result) and len(nothing) < len(_SEEN):
         said.append(f"Few {result.market.frequency.word}s tell whether the regime is hidden: {_few_others(result)}.")
     said += filter(None, [_poor_estimates(result)[1]])
+    if result.sequential is not None:
+        said += filter(None, [result.sequential.maker.calibration.caution()])
     if "aware" not in nothing:
         said += filter(None, [_ranked(result, name) for name in hiding])
     for name in filter(lambda each: _informs(result, each), hiding):

@@ -299,14 +299,16 @@ def _approached(market: _Market, prices: Prices, slope: float, n_steps: int, mos
 
 
 def _met(found: PriceCalibration) -> PriceCalibration:
-    """The same with the status CALIBRATED or BELOW; raises `SolverError` where the regret is above the budget."""
+    """The same with its status; raises `SolverError` where the regret is above the budget."""
     apart, near = found.regret - found.budget, max(_NEAR * found.budget, 3.0 * found.regret_se)
     if apart > near:
         raise SolverError(
             f"no price was found at which the long-run mean regret is {found.budget:g}: it is {found.regret:g} at "
             f"{found.regret_prices[0]:g}; a larger budget or more candidates can be met"
         )
-    return found if apart >= -near else replace(found, status=PriceStatus.BELOW)
+    if apart < -near:
+        return replace(found, status=PriceStatus.BELOW)
+    return found if abs(apart) <= _NEAR * found.budget else replace(found, status=PriceStatus.WITHIN_ERROR)
 
 
 def _slope(one: PriceTrial, other: PriceTrial) -> float:

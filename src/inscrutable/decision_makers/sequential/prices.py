@@ -35,7 +35,14 @@ class PriceStatus(Enum):
         "mixed: the long-run regret jumps over the budget as the price changes, so one of two prices is drawn once, before the "
         "first step, and is public; the budget holds on average over that draw"
     )
-    BELOW = "below: the simulated long-run regret is under the budget; a cap, or too few decisions, may be the cause"
+    WITHIN_ERROR = (
+        "within its error: the simulated long-run regret differs from the budget by at most three standard errors, which are "
+        "large; the rule may cost more than the budget, or less"
+    )
+    BELOW = (
+        "below: at no price is the simulated long-run regret the budget, it is less; what public observations tell, a cap, or "
+        "too few decisions may be the cause"
+    )
     SILENT = "silent: the budget affords the best constant decision, which reveals nothing"
     GIVEN = "given: the prices were not calibrated, so no long-run regret is promised"
 
@@ -101,6 +108,16 @@ class PriceCalibration(Summarised, Saved):
     def prices(self, index: int) -> Prices:
         """Return the prices of one draw."""
         return Prices(float(self.regret_prices[index]), float(self.information_price))
+
+    def caution(self) -> str:
+        """Return a sentence where the long-run regret may well be another than the budget, by simulation; else nothing."""
+        if self.status is not PriceStatus.WITHIN_ERROR:
+            return ""
+        off, error = (each / self.budget for each in (self.regret - self.budget, self.regret_se))
+        return (
+            "The budget of the sequential rule is met only within the error of its simulation: the long-run regret is "
+            f"{off:+.0%} from it, with a standard error of {error:.0%}."
+        )
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""

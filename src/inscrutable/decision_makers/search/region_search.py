@@ -224,7 +224,7 @@ def writable_basis(n_states: int) -> Array:
 
 
 def best_in_regions(space: SearchSpace, aims: Aims, progress: Progress | None = None) -> Best:
-    """Return the best decisions: the optimal ones where nothing better was found.
+    """Return the best decisions, with their rounding errors: the optimal ones where nothing better was found.
 
     Cost: one look at all candidates a belief and some dozen climbs; memory besides the result is that of a block.
     """
@@ -235,7 +235,6 @@ def best_in_regions(space: SearchSpace, aims: Aims, progress: Progress | None = 
         with space.partition.searched(space.patterns):
             reached = search(space, some, starts_of(space, some, _STARTS, _farthest_sets(space, some)), seen)
             parts.append(read(space, some, reached, np.arange(len(some.beliefs)), values_of(reached).argmax(axis=1)))
-            remove_rounding(space, some, *parts[-1][:4])
     found = Best(*map(np.concatenate, zip(*parts, strict=True)))
     own = _optimal(space.problem, aims)
     better = found.privacies > own.privacies + (tolerances.NO_PRIVACY if aims.sign > 0 else 0.0)
@@ -282,7 +281,9 @@ def remove_rounding(
     for t in found[(decoys[found] < -tolerances.EXPLAINED).any(axis=1)]:
         decoys[t] = np.maximum(decoys[t], 0.0) / np.maximum(decoys[t], 0.0).sum()
         privacies[t] = aims.sign * np.linalg.norm(decoys[t] - aims.points[t])
-    for t in found[consistent_sets(problem, actions[found]).dimension < 0]:
+    blocks = np.split(found, range(_BLOCK, len(found), _BLOCK))
+    empty = np.concatenate([consistent_sets(problem, actions[block]).dimension < 0 for block in blocks])
+    for t in found[empty]:
         decoy = np.maximum(decoys[t], 0.0) / np.maximum(decoys[t], 0.0).sum()
         action = problem.solve_points(decoy)
         regret = max(float(problem.regret(aims.beliefs[t], action)), 0.0)

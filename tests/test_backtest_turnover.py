@@ -69,6 +69,28 @@ def test_every_decision_is_the_best_near_the_one_before(found: Backtest) -> None
     assert np.allclose(found.weights("ODM").iloc[0], problem.solve(beliefs[0]))  # the first is free
 
 
+def test_comparisons_with_silence_count_what_the_limit_costs(found: Backtest) -> None:
+    """After other weights than the optimal ones nothing near is good, so the regret within the limit looks small."""
+    beliefs, problem = found.beliefs.to_numpy(), found.problem
+
+    def above(weights: Any) -> float:
+        costs = [problem.expected_cost(b, w) - problem.optimal_cost(b) for b, w in zip(beliefs, weights, strict=True)]
+        return float(np.mean(costs))
+
+    silence = above(np.tile(problem.solve(beliefs.mean(axis=0)), (len(beliefs), 1)))
+    assert found.silence_regret == pytest.approx(silence)
+    spent = {name: above(found.weights(name).to_numpy()) for name in found.names}
+    assert spent["CDM"] > silence > found.figures["CDM"]["mean_regret"]
+    for name, regret in spent.items():
+        assert found.figures[name]["mean_regret_unlimited"] == pytest.approx(regret)
+        assert found.figures[name]["mean_regret_of_silence"] == pytest.approx(regret / silence)
+    said = text_of(found)
+    assert re.search(
+        rf"In hindsight silence .* instead of {1e4 * spent['CDM']:.3g}[\d.]* \(counter-adversarial", said
+    ), said
+    assert f"without a limit: {1e4 * spent['ODM']:.3g} (optimal), {1e4 * spent['CDM']:.3g} (counter" in said
+
+
 def test_an_observer_reads_it_with_the_model_that_is_kept(found: Backtest, tmp_path: Path) -> None:
     kept = InvestorModel.load(found.investor.save(tmp_path / "model.json"))
     assert kept.turnover == LIMIT

@@ -165,14 +165,14 @@ def test_what_costs_as_much_as_silence_is_named_in_the_first_sentence(moving: Ba
     )
     assert moving.known_silence_regret == pytest.approx(silence, rel=1e-9)
     told = "it is cheaper not to act on the belief at all"
-    cheap = shifted(moving, {"mean_regret": 0.5 * silence})
+    cheap = shifted(moving, {"mean_regret_unlimited": 0.5 * silence})
     assert not any(told in line for line in verdict(cheap))
     for regret in (moving.known_silence_regret, 1.5 * silence):
-        dear = shifted(moving, {"mean_regret": 0.5 * silence}, PDM={"mean_regret": regret})
+        dear = shifted(moving, {"mean_regret_unlimited": 0.5 * silence}, PDM={"mean_regret_unlimited": regret})
         first = verdict(dear)[0]
         assert "; probabilistic weights cost at least as much as silence" in first
         assert told in first
-    both = shifted(moving, {"mean_regret": 2.0 * silence})
+    both = shifted(moving, {"mean_regret_unlimited": 2.0 * silence})
     assert "counter-adversarial and probabilistic weights cost at least as much as silence" in verdict(both)[0]
     rival = loss_of(RIVAL.validate_python({"max_weight": 0.6}), moving.problem)
     other = replace(both, rival=rival)  # whoever else has a stake, silence costs the investor that

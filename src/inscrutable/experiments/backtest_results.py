@@ -231,11 +231,15 @@ class Backtest:
         """Mean regret of the one constant portfolio that suits these beliefs best: r₀ = V(mean π) − mean V(π).
 
         It is in the cost's unit. An investor who always published that portfolio would pay this, and reveal nothing but the
-        mean belief.
+        mean belief. It never trades, so a limit on turnover does not change it.
         """
-        rows = self.beliefs.to_numpy()
-        constant = float(self.problem.optimal_cost(rows.mean(axis=0)))
-        return max(constant - float(self.episode.records[self.names[0]].decisions.optimal_cost.mean()), 0.0)
+        constant = float(self.problem.optimal_cost(self.beliefs.to_numpy().mean(axis=0)))
+        return max(constant - float(self.unlimited_costs.mean()), 0.0)
+
+    @cached_property
+    def unlimited_costs(self) -> Array:
+        """Optimal costs V of the beliefs without a limit on turnover, shape (T,)."""
+        return np.asarray(self.problem.optimal_cost(self.beliefs.to_numpy()))
 
     @cached_property
     def known_silence_regret(self) -> float:
@@ -326,6 +330,7 @@ def _cost_figures(result: Backtest, record: Record) -> dict[str, float]:
     own = np.abs(record.decisions.optimal_cost)
     regret, expected = record.decisions.regret, record.expected_regret
     silence = result.silence_regret
+    unlimited = regret if result.settings.turnover is None else record.decisions.cost - result.unlimited_costs
     is_free = silence <= tolerances.NO_REGRET * own.mean()  # where the beliefs are one belief, up to rounding
     return {
         "mean_regret": float(regret.mean()),
@@ -333,7 +338,8 @@ def _cost_figures(result: Backtest, record: Record) -> dict[str, float]:
         "mean_expected_regret": float(expected.mean()),
         "mean_expected_regret_share": float(relative_increase(expected.sum(), own.sum())),
         "largest_regret": float(regret.max()),
-        "mean_regret_of_silence": float("nan") if is_free else float(regret.mean()) / silence,
+        "mean_regret_unlimited": float(unlimited.mean()),
+        "mean_regret_of_silence": float("nan") if is_free else float(unlimited.mean()) / silence,
     }
 
 

@@ -39,6 +39,7 @@ class _Row(NamedTuple):
 
 
 _PERCENT, _BASIS_POINTS = 100.0, 10_000.0
+_UNLIMITED = "regret against the best without a limit on turnover, mean, bp"
 
 
 def table_of(result: Backtest) -> pd.DataFrame:
@@ -124,6 +125,7 @@ def _rows(result: Backtest) -> list[_Row]:
         _Row("mean_regret_share", f"regret, % of the optimal cost, summed over all {word}s", _PERCENT),
         _Row("mean_expected_regret_share", "  in expectation over the draws", _PERCENT),
         _Row("largest_regret", f"regret, largest in a {word}, bp of risk-adjusted return", _BASIS_POINTS),
+        *([] if result.settings.turnover is None else [_Row("mean_regret_unlimited", _UNLIMITED, _BASIS_POINTS)]),
         _Row("mean_regret_of_silence", "regret, mean, % of silence in hindsight", _PERCENT, ".0f"),
         _Row("mean_privacy", f"privacy, mean ({_goal(result)})", style=".3f"),
         _Row("n_privacy_not_finite", f"  {word}s left out: goal missed, or set empty", style=".0f"),
@@ -310,8 +312,8 @@ def _aware_notes(result: Backtest) -> list[str]:
             f"Turnover is at most {result.settings.turnover:.3g} a {word}, against the weights published last, which the naive "
             "observer knows. Every rule depends on them, so no aware observer is modelled"
             f"{'' if result.sequential is None else ', except that of the SDM, whose rule it follows exactly'}; the naive "
-            "observer's errors tell nothing about it. Regrets are those of what turnover allows; the SDM's own budget also "
-            "counts what the limit costs."
+            "observer's errors tell nothing about it. A regret is against the best that turnover allows after the rule's "
+            "own last weights; shares of silence, and the SDM's own budget, also count what the limit costs."
         ]
     if result.aware is None:
         return ["The target changes from step to step, so no aware observer is modelled."]

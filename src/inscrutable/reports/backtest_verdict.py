@@ -125,7 +125,7 @@ def _observers(whom: tuple[str, ...]) -> str:
 def _dearer_than_silence(result: Backtest) -> str:
     """Return a clause on the rules that cost at least as much as a constant portfolio known beforehand; empty without any."""
     silence = result.known_silence_regret
-    spent = {name: result.figures[name]["mean_regret"] for name in result.names[1:]}
+    spent = {name: result.figures[name]["mean_regret_unlimited"] for name in result.names[1:]}
     dear = [full_name(name) for name, regret in spent.items() if regret > 0.0 and regret >= silence]
     if not dear:
         return ""
@@ -277,6 +277,14 @@ def _price(result: Backtest, hiding: Sequence[str], *, worst: bool) -> str:
     points = [f"{_basis_points(figures[name]['mean_regret'])} ({who[name]})" for name in hiding]
     word = result.market.frequency.word
     price = f"Price: a regret of {listed(points)} basis points a {word} by the investor's own belief"
+    if result.settings.turnover is not None:
+        above = listed(
+            [f"{_points(each['mean_regret_unlimited'], 3)} ({full_name(name)})" for name, each in figures.items()]
+        )
+        return (
+            f"{price}, each against the best that the limit on turnover allows after the rule's own last weights. Against the "
+            f"best without a limit: {above}."
+        )
     if not np.isfinite(shares).all():
         return f"{price}."  # c* is 0
     optimal = np.abs(result.episode.records[result.names[0]].decisions.optimal_cost).mean()
@@ -455,7 +463,7 @@ def _few_others(result: Backtest) -> str:
 
 def _silence(result: Backtest) -> str:
     """Return a line on the constant portfolio where it costs less than hiding; empty where it does not."""
-    spent = {name: result.figures[name]["mean_regret"] for name in result.names[1:]}
+    spent = {name: result.figures[name]["mean_regret_unlimited"] for name in result.names[1:]}
     dearer = {name: regret for name, regret in spent.items() if regret > result.silence_regret}
     if not dearer:
         return ""

@@ -15,7 +15,8 @@ from scipy.stats import multivariate_normal
 from inscrutable.adversaries import consistent_beliefs
 from inscrutable.budgets import Budget
 from inscrutable.datasets import read_weights
-from inscrutable.decision_makers import CounterAdversarialDecisionMaker
+from inscrutable.decision_makers import CounterAdversarialDecisionMaker, DecisionStatus
+from inscrutable.decision_makers.hiding import HidingDecisionMaker
 from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Reading, attack_weights
 from inscrutable.experiments.protect import implausible_rows, protect
@@ -151,6 +152,29 @@ def test_the_verdict_says_what_silence_costs() -> None:
         told = 1e-4 * float(said.partition("reveals nothing and costs ")[2].partition(" bp")[0])
         assert told == pytest.approx(silence, rel=0.1)
         assert ("not more than these weights" in said) == dearer
+
+
+def test_under_a_limit_on_turnover_silence_costs_what_it_costs_without() -> None:
+    """The constant portfolio is not held back by the limit, and a regret within the limit does not compare with it."""
+    before = MODEL.problem.solve(BELIEFS[0])
+    near = replace(MODEL, turnover=0.1).after(before)
+    free, found = (protect(model, BELIEFS[1], 3.0, rng=np.random.default_rng(0)) for model in (MODEL, near))
+    costs = [each.verdict.partition("reveals nothing and costs ")[2].partition(" bp")[0] for each in (free, found)]
+    assert costs[0] == costs[1]
+    assert "against the best without the limit on turnover." in found.verdict
+    assert "not more than these weights" in free.verdict
+    assert "not more than these weights" not in found.verdict
+    assert not found.rounding_note()
+    assert np.abs(found.deterministic.action[0] - before).sum() <= 0.1 + 1e-9
+
+
+@pytest.mark.parametrize("calls", [10, 10_000])
+def test_a_gap_that_is_not_reached_is_said(calls: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(HidingDecisionMaker._prove_within, "__defaults__", (calls,))
+    found = protect(MODEL, BELIEFS[1], 0.2, certify=0.001, rng=np.random.default_rng(0))
+    statuses = {*found.deterministic.status, *found.lotteries.status}
+    assert (DecisionStatus.BOUNDED in statuses) == (calls == 10)
+    assert ("the gap of 0.001 that was asked for is not reached" in found.summary()) == (calls == 10)
 
 
 def test_regimes_that_practically_never_change_leave_the_cost_of_silence_unknown() -> None:

@@ -59,6 +59,7 @@ class InvestorModel:
         step: Time between two rows of returns, such as "month"; empty where not known. Returns of another step are refused.
         reads: What the beliefs rest on besides the returns, such as the name of a public number; empty for nothing.
         limits: Limits on weights that `problem` was made with, so that each can be replaced; None where they are not known.
+        unlimited: The problem without the limit on turnover that `problem` includes for one decision, by `after`; else None.
 
     Raises:
         InputError: The numbers or names of regimes or assets disagree, or a label is duplicated.
@@ -85,6 +86,7 @@ class InvestorModel:
     step: str = ""
     reads: str = ""
     limits: LimitsPart | None = None
+    unlimited: MarkowitzProblem | None = None
 
     def __repr__(self) -> str:
         told = f"; {self.note}" if self.note else ""
@@ -134,7 +136,9 @@ class InvestorModel:
             raise InputError(
                 "turnover that is limited and the weights published last go together: give both (--turnover, --previous)"
             )
-        return self if previous is None else replace(self, problem=self.problem_after(previous), turnover=None)
+        if previous is None:
+            return self
+        return replace(self, problem=self.problem_after(previous), turnover=None, unlimited=self.problem)
 
     def belief_after(self, returns: pd.DataFrame) -> Array:
         """Return the filter's belief (X,) about the row after returns (T,U), with one column per asset in any order.

@@ -16,6 +16,7 @@ from inscrutable.datasets.tables import FULL_PRECISION_DIGITS
 from inscrutable.decision_makers import (
     CounterAdversarialDecisionMaker,
     Decisions,
+    DecisionStatus,
     GlobalSearch,
     MixedDecisions,
     ProbabilisticDecisionMaker,
@@ -134,15 +135,20 @@ class Protection:
 
     def _silence_text(self) -> str:
         """What the best constant portfolio costs in the long run, or why that is not known."""
+        unlimited = self.model.unlimited
         try:
-            silence = silence_in(self.model.world, self.model.problem)
+            silence = silence_in(self.model.world, self.model.problem if unlimited is None else unlimited)
         except InputError as error:  # regimes that practically never change
             return f"What silence, a constant portfolio, costs in the long run is not known: {error}."
-        dearer = float(np.mean(self.deterministic.regret)) >= silence > 0.0
-        return (
+        said = (
             f"Silence, a constant portfolio, reveals nothing and costs {BASIS_POINTS * silence:.3g} bp a row on average"
-            + (": not more than these weights." if dearer else ".")
         )
+        if (
+            unlimited is not None
+        ):  # a regret within the limit, near weights that are far from optimal, is another figure
+            return f"{said}, against the best without the limit on turnover."
+        dearer = float(np.mean(self.deterministic.regret)) >= silence > 0.0
+        return said + (": not more than these weights." if dearer else ".")
 
     def rounding_note(self, step: int = 0) -> str:
         """Return with how many decimals a row's weights keep their privacy, as text; empty where one is enough.
@@ -152,8 +158,8 @@ class Protection:
         found, belief = self.deterministic[step], self.beliefs[step]
         if not isinstance(self.measure, MaximalObfuscation) or not 0.0 < found.privacy < np.inf:
             return ""
-        if self.model.turnover is not None:  # rounded weights are not read under a limit on turnover
-            return ""
+        if self.model.turnover is not None or self.model.unlimited is not None:
+            return ""  # rounded weights are not read under a limit on turnover
         before = 0.0
         for digits in range(1, FULL_PRECISION_DIGITS):
             left = consistent_beliefs(self.model.problem, found.action.round(digits), digits=digits).distance(belief)
@@ -172,10 +178,12 @@ class Protection:
     def _proven(self) -> str:
         if self.certified is None:
             return ""
-        single, lottery = (float(np.mean(found.privacy_bound)) for found in (self.deterministic, self.lotteries))
+        both = self.deterministic, self.lotteries
+        single, lottery = (float(np.mean(found.privacy_bound)) for found in both)
+        missed = any(status is DecisionStatus.BOUNDED for found in both for status in found.status)
         return (
             f"; it is proven that within the budget no weights give more than {single:.3f} and no lottery more than "
-            f"{lottery:.3f}"
+            f"{lottery:.3f}{f'; the gap of {self.certified:.3g} that was asked for is not reached' if missed else ''}"
         )
 
 

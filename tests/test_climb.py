@@ -46,7 +46,7 @@ def plain(kernel: Any) -> Any:
 
 
 climb, solve_kkt = plain(climbing.climb), plain(faces.solve_kkt)
-cost_under, row_value, row_slope = map(plain, (faces.cost_under, faces.row_value, faces.row_slope))
+cost_at, row_value, row_slope = map(plain, (faces.cost_at, faces.row_value, faces.row_slope))
 regret_slope, add_regret_curvature = map(plain, (faces.regret_slope, faces.add_regret_curvature))
 add_row_curvature = plain(faces.add_row_curvature)
 
@@ -145,7 +145,7 @@ def test_slopes_and_curvatures(seed: int, kind: str, n_states: int, size: int) -
     w, factor, gradients, slopes = settled(face, y)
     k = face.span.shape[1]
     np.testing.assert_allclose(w, placed(face, y), atol=1e-10)
-    regret = cost_under(face.curves, belief, w, gradients) - optimal_cost
+    regret = cost_at(face.curves, belief, w) - optimal_cost
     np.testing.assert_allclose(regret, regrets(face, belief, optimal_cost, y), atol=1e-12)
 
     def in_regret(z: Array) -> Array:

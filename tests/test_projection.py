@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from inscrutable.kernels.projection import project
+from inscrutable.kernels.projection import project_in, room_for
 from sizes import instances
 from strategies import SEEDS
 
@@ -29,7 +29,7 @@ def unit(rows: Array) -> Array:
 def projected(rows: Array, sides: Array, n_equal: int, point: Array, near: float = NEAR) -> tuple[bool, Array, Array]:
     x, multipliers = np.array(point, dtype=float), np.full(len(rows), np.nan)
     before = rows.copy(), sides.copy()
-    possible = project(rows, sides, len(rows), n_equal, near, x, multipliers)
+    possible = project_in(rows, sides, len(rows), n_equal, near, x, multipliers, room_for(x.size, len(rows)))
     assert np.array_equal(rows, before[0])
     assert np.array_equal(sides, before[1])
     return bool(possible), x, multipliers
@@ -219,7 +219,7 @@ def test_a_violation_below_near_counts_as_none() -> None:
 def test_rows_beyond_the_count_are_not_read() -> None:
     rows, sides = np.vstack([np.eye(2), [[np.nan, np.nan]]]), np.array([0.0, 0.0, np.nan])
     x, multipliers = np.array([-1.0, 1.0]), np.full(3, 7.0)
-    assert project(rows, sides, 2, 0, NEAR, x, multipliers)
+    assert project_in(rows, sides, 2, 0, NEAR, x, multipliers, room_for(x.size, 2))
     assert np.array_equal(x, [0.0, 1.0])
     assert np.array_equal(multipliers, [1.0, 0.0, 7.0])
 

@@ -24,7 +24,6 @@ class Scores(RatedPoints):
     regrets: Array
     privacies: Array
     exact: np.ndarray
-    on_empty: str = "exclude"
 
     def refine(self, place: int) -> None:
         """Judge one candidate, and all that are the same decision, by the set itself."""
@@ -53,7 +52,7 @@ def score(belief: Array, optimal_cost: float, candidates: Candidates, measure: P
         if on_empty == "exclude":
             privacies = np.where(empty, -np.inf, privacies)
     privacies = np.where(candidates.usable, privacies, -np.inf)
-    return Scores(belief, candidates, measure, regrets, privacies, exact | ~candidates.usable, on_empty)
+    return Scores(belief, candidates, measure, regrets, privacies, exact | ~candidates.usable)
 
 
 def with_extra(scores: Scores, extra: list[Decision]) -> Scores:

@@ -22,7 +22,7 @@ from inscrutable.kernels.faces import (
     add_regret_curvature,
     add_row_curvature,
     cholesky,
-    cost_under,
+    cost_at,
     regret_slope,
     row_slope,
     row_value,
@@ -31,8 +31,8 @@ from inscrutable.kernels.faces import (
 from inscrutable.kernels.options import integer, internal, uncounted
 from inscrutable.kernels.projection import NO_EQUALITIES, at_unit_length, project_in, room_for
 from inscrutable.kernels.references import by_reference, release
-from inscrutable.kernels.rounding import NO_DISTANCE, TINY
-from inscrutable.tolerances import EXPLAINED, PIVOT, POLISH
+from inscrutable.kernels.rounding import NO_DISTANCE
+from inscrutable.tolerances import EXPLAINED, PIVOT, POLISH, TINY
 
 MET = EXPLAINED  # violation of a row that counts as none
 PROJECTED = 0.01 * MET  # the same for the linearised rows that steps are projected on
@@ -301,7 +301,7 @@ def _restore(face: Any, aim: Any, basis: Any, turns: int, y: Any, w: Any, place:
     for turn in range(turns + 1):
         if not solve_kkt(curves, y, PIVOT, w, place.factor, place.gradients, place.slopes):
             return False, regret
-        regret = cost_under(curves, aim.belief, w, place.gradients) - aim.optimal_cost
+        regret = cost_at(curves, aim.belief, w) - aim.optimal_cost
         over = (regret - aim.limit) / aim.unit if aim.limit < np.inf else 0.0
         if _shortfall(rows, y, w, over, lines.live) <= MET:
             return True, regret

@@ -29,12 +29,12 @@ from inscrutable.kernels.climb import (
     step_room,
 )
 from inscrutable.kernels.copies import put
-from inscrutable.kernels.faces import cholesky, row_value, solve_factored
+from inscrutable.kernels.faces import cholesky, cost_at, row_value, solve_factored
 from inscrutable.kernels.options import integer, internal, uncounted
-from inscrutable.kernels.projection import at_unit_length, project
+from inscrutable.kernels.projection import at_unit_length, project_in
 from inscrutable.kernels.references import by_reference, release
 from inscrutable.kernels.rounding import FLAT, NO_DISTANCE
-from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
+from inscrutable.kernels.set_distance import NO_ROW, nearest_belief
 
 _NONE = integer(0)
 _WITNESS = 1e-2
@@ -160,14 +160,14 @@ def _write_rows(rows: Any, basis: Any, place: Any, cost_slope: Any, left: float,
 
 
 @internal
-def _pull(curves: Any, rows: Any, aim: Any, basis: Any, turns: int, place: Any, lines: Any) -> bool:
-    """Move (v, z) onto the rows and the budget by Newton steps; False where that fails."""
+def _pull(curves: Any, rows: Any, aim: Any, basis: Any, turns: int, place: Any, lines: Any, memory: Any) -> bool:
+    """Move (v, z) onto the rows and the budget by Newton steps; False where that fails. memory: a `StepRoom`."""
     (w, z), (units, sides, _) = place, lines
     n_states, n = basis.shape
     k = w.size - 1
     m = rows.shape[0]
     slope, curvature = np.empty(k), np.empty((k, k))
-    step, multipliers = np.empty(k + n), np.empty(units.shape[0])
+    step = np.empty(k + n)
     for turn in range(turns + 1):
         left = aim.limit - cost_at(curves, aim.belief, w) + aim.optimal_cost
         worst = -left / aim.unit if aim.limit < np.inf else 0.0
@@ -181,7 +181,7 @@ def _pull(curves: Any, rows: Any, aim: Any, basis: Any, turns: int, place: Any, 
         cost_model(curves, aim.belief, w, slope, curvature)
         _write_rows(rows, basis, place, slope, left, lines)
         step[:] = 0.0
-        if not project(units, sides, sides.size, k, PROJECTED, step, multipliers):
+        if not project_in(units, sides, sides.size, k, PROJECTED, step, memory.moved, memory.projection):
             return False
         for a in range(k):
             w[a] += step[a]
@@ -331,7 +331,8 @@ def ascend(face: Any, rows: Any, aim: Any, basis: Any, w: Any, z: Any, floor: fl
     best, share, weight = np.inf, 1.0, 0.0
     for turn in range(_TRIALS):
         loss, distance, known = np.inf, np.inf, best < np.inf
-        if _pull(curves, rows, aim, basis, LATER_TURNS if known else FIRST_TURNS, (trial, member), written):
+        turns = LATER_TURNS if known else FIRST_TURNS
+        if _pull(curves, rows, aim, basis, turns, (trial, member), written, memory):
             distance = nearest_belief(face, trial, aim.point, basis, NO_ROW, nearest, room)
         if distance < np.inf:
             loss = -aim.sign * distance

@@ -10,12 +10,12 @@ import numpy as np
 from inscrutable.kernels.climb import MET, factor_shifted, quadratic_step, step_room
 from inscrutable.kernels.copies import put, put_shifted
 from inscrutable.kernels.face_ascent import cost_model
-from inscrutable.kernels.faces import cholesky
+from inscrutable.kernels.faces import cholesky, cost_at
 from inscrutable.kernels.options import internal, uncounted
 from inscrutable.kernels.projection import NO_EQUALITIES, at_unit_length
 from inscrutable.kernels.references import by_reference, release
 from inscrutable.kernels.rounding import FLAT
-from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
+from inscrutable.kernels.set_distance import NO_ROW, nearest_belief
 from inscrutable.tolerances import PIVOT, SIMPLEX_DIAMETER
 
 _LONGEST = 1e6  # step along an unbounded line

@@ -103,15 +103,15 @@ def place_on_face(origin: Any, span: Any, bounds: Any, w: Any, out: Any) -> None
 
 
 @uncounted
-def cost_under(curves: Any, belief: Any, w: Any, gradients: Any) -> float:
-    """Σ π_i ½ w'C_i w, from the gradients."""
-    k = w.size - 1
+def cost_at(curves: Any, belief: Any, w: Any) -> float:
+    """Σ π_i ½ w'C_i w."""
     total = 0.0
     for i in range(belief.size):
-        cost = curves[i, k, k]
-        for a in range(k):
-            cost += (gradients[i, a] + curves[i, k, a]) * w[a]
-        total += 0.5 * belief[i] * cost
+        for a in range(w.size):
+            inner = 0.0
+            for c in range(w.size):
+                inner += curves[i, a, c] * w[c]
+            total += 0.5 * belief[i] * w[a] * inner
     return total
 
 

@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import integer, internal, kernel, uncounted
-from inscrutable.kernels.references import by_reference, release
+from inscrutable.kernels.options import integer, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.rounding import DEPENDENT, FLAT
 
 NO_EQUALITIES = integer(0)
@@ -32,7 +31,7 @@ class ProjectionRoom(NamedTuple):
     normal: Any  # (n,)
 
 
-@internal
+@kernel
 def room_for(size: int, n_rows: int) -> ProjectionRoom:
     """Return memory for projections in `size` coordinates on at most `n_rows` rows."""
     return ProjectionRoom(
@@ -126,7 +125,7 @@ def _without(leaving: int, active: Any, eta: Any, n_active: int) -> int:
     return n_active - 1
 
 
-@uncounted
+@uncounted_kernel
 def project_in(
     rows: Any, sides: Any, n_rows: int, n_equal: int, near: float, x: Any, multipliers: Any, room: Any
 ) -> bool:
@@ -192,12 +191,3 @@ def project_in(
             entered[active[leaving]] = False
             n_active, n_split = _without(leaving, active, eta, n_active), leaving
     return False
-
-
-@kernel
-def project(rows: Any, sides: Any, n_rows: int, n_equal: int, near: float, x: Any, multipliers: Any) -> bool:
-    """`project_in` with memory of its own."""
-    room = room_for(x.size, n_rows)
-    found = project_in(rows, sides, n_rows, n_equal, near, x, multipliers, by_reference(room))
-    release(room)
-    return bool(found)

@@ -1,4 +1,4 @@
-"""The best decisions of critical regions by local search from their starts; many climbs in one call, each independent.
+"""The best decisions of critical regions by local search from their starts, each climb independent.
 
 Where the consistent sets of a region are single beliefs, the search varies the decoy. Where they are larger, the search over
 decoys finds a decision that some belief explains; from there the search follows the gradient of the distance to the set, for
@@ -16,9 +16,10 @@ from inscrutable.kernels.climb import MET, Aim, climb, decide_on_face
 from inscrutable.kernels.copies import put
 from inscrutable.kernels.face_ascent import ascend
 from inscrutable.kernels.face_sets import decision_value, look_around, move_to_cheapest
+from inscrutable.kernels.faces import cost_at
 from inscrutable.kernels.options import inlined, internal, uncounted
 from inscrutable.kernels.regions import face_of, locate
-from inscrutable.kernels.set_distance import NO_ROW, cost_at, distance_room, nearest_belief
+from inscrutable.kernels.set_distance import NO_ROW, distance_room, nearest_belief
 from inscrutable.tolerances import BUDGET_SAFETY, ROW_IN_REACH
 
 _HALVINGS = 12
@@ -45,15 +46,6 @@ class Aims(NamedTuple):
     rounding: Any  # (T,) of expected costs
 
 
-class Climbs(NamedTuple):
-    """n climbs of one belief: where each begins."""
-
-    region: Any  # (n,)
-    decoys: Any  # (n,X)
-    others: Any  # (n,X) where each begins again if that leads to no decision, where it differs
-    actions: Any  # (n,U)
-
-
 class Optima(NamedTuple):
     """n local optima: the best decision found, and the belief found farthest from the aim's point with its decision."""
 
@@ -69,8 +61,11 @@ class Optima(NamedTuple):
 
 
 class ClimbRoom(NamedTuple):
-    """Memory of climbs, one after the other."""
+    """Where a climb begins, and memory for it."""
 
+    begin: Any  # (X,)
+    other: Any  # (X,) where it begins again if that leads to no decision, where it differs
+    action: Any  # (U,)
     place: Any  # (M,)
     decoy: Any  # (X,)
     member: Any  # (X,)
@@ -81,8 +76,8 @@ class ClimbRoom(NamedTuple):
 def climb_room(n_states: int, n_actions: int, n_rows: int) -> ClimbRoom:
     """Return memory for climbs in a problem."""
     return ClimbRoom(
-        np.empty(n_actions + 1), np.empty(n_states), np.empty(n_states),
-        distance_room(n_states, n_actions, n_states + n_rows),
+        np.empty(n_states), np.empty(n_states), np.empty(n_actions), np.empty(n_actions + 1), np.empty(n_states),
+        np.empty(n_states), distance_room(n_states, n_actions, n_states + n_rows),
     )  # fmt: skip
 
 
@@ -109,7 +104,7 @@ def _is_admissible(face: Any, trial: Any) -> bool:
 
 
 @uncounted
-def _keep(face: Any, aim: Any, basis: Any, trial: Any, weight: float, optima: Any, s: int, room: Any) -> None:
+def _keep(face: Any, aim: Any, basis: Any, trial: Any, weight: float, optima: Any, room: Any) -> None:
     """Take over a trial that a belief explains, if it is admissible, affordable and better.
 
     `weight` is the budget's multiplier for ½Ψ², Ψ times the price; it is zero where budget is left over.
@@ -124,39 +119,38 @@ def _keep(face: Any, aim: Any, basis: Any, trial: Any, weight: float, optima: An
     value = aim.sign * distance
     if aim.price > 0.0:
         value -= aim.price * regret
-    if value > optima.value[s]:
-        put(trial, optima.place[s])
-        put(room.member, optima.nearest[s])
-        optima.value[s], optima.privacy[s], optima.regret[s] = value, aim.sign * distance + 0.0, max(regret, 0.0)
-        optima.price[s] = aim.price
+    if value > optima.value[0]:
+        put(trial, optima.place[0])
+        put(room.member, optima.nearest[0])
+        optima.value[0], optima.privacy[0], optima.regret[0] = value, aim.sign * distance + 0.0, max(regret, 0.0)
+        optima.price[0] = aim.price
         if aim.limit < np.inf:
             is_spent = aim.limit - regret <= ROW_IN_REACH * aim.limit and distance > 0.0
-            optima.price[s] = max(weight, 0.0) / distance if is_spent else 0.0
+            optima.price[0] = max(weight, 0.0) / distance if is_spent else 0.0
 
 
 @internal
-def climb_decoys(count: int, climbs: Any, aim: Any, regions: Any, basis: Any, optima: Any, room: Any) -> None:
-    """Fill the optima of `count` climbs from their decoys; the value is −∞ where no decoy is admissible."""
-    n_states, y = basis.shape[0], room.decoy
-    for s in range(count):
-        number = climbs.region[s]
-        face, w = face_of(regions, number, n_states), room.place[: regions.size[number] + 1]
-        optima.value[s], optima.potential[s] = -np.inf, -np.inf
-        put(climbs.decoys[s], y)
+def climb_decoy(number: int, aim: Any, regions: Any, basis: Any, optima: Any, room: Any) -> None:
+    """Fill the optimum of a climb from its decoy in a region; the value is −∞ where no decoy is admissible."""
+    y = room.decoy
+    face, w = face_of(regions, number, basis.shape[0]), room.place[: regions.size[number] + 1]
+    optima.value[0], optima.potential[0] = -np.inf, -np.inf
+    put(room.begin, y)
+    put(room.begin, optima.far[0])
+    loss, weight = climb(face, aim, basis, y, w)
+    if not loss < np.inf and np.any(room.other != room.begin):
+        put(room.other, y)
         loss, weight = climb(face, aim, basis, y, w)
-        if not loss < np.inf and np.any(climbs.others[s] != climbs.decoys[s]):
-            put(climbs.others[s], y)
-            loss, weight = climb(face, aim, basis, y, w)
-        if loss < np.inf:
-            _keep(face, aim, basis, w, weight, optima, s, room)
-            put(y, optima.far[s])
-            put(w, optima.far_place[s])
-            # Where states cost alike, other beliefs than the decoy explain the decision: the distance to the set counts.
-            optima.potential[s] = optima.value[s]
-            if not regions.is_point[number]:
-                optima.potential[s] = -loss
-                if aim.limit < np.inf:  # the loss is −sign ½‖y − p‖²
-                    optima.potential[s] = aim.sign * np.sqrt(max(-2.0 * aim.sign * loss, 0.0))
+    if loss < np.inf:
+        _keep(face, aim, basis, w, weight, optima, room)
+        put(y, optima.far[0])
+        put(w, optima.far_place[0])
+        # Where states cost alike, other beliefs than the decoy explain the decision: the distance to the set counts.
+        optima.potential[0] = optima.value[0]
+        if not regions.is_point[number]:
+            optima.potential[0] = -loss
+            if aim.limit < np.inf:  # the loss is −sign ½‖y − p‖²
+                optima.potential[0] = aim.sign * np.sqrt(max(-2.0 * aim.sign * loss, 0.0))
 
 
 @uncounted
@@ -226,30 +220,30 @@ def climb_border(face: Any, aim: Any, basis: Any, y: Any, w: Any, room: Any) -> 
 
 
 @internal
-def search_set(s: int, turn: Any, aim: Any, floor: float, has_lines: bool, regions: Any, basis: Any) -> None:
-    """Improve the optimum of climb s of a turn in a region with sets larger than points.
+def search_set(number: int, turn: Any, aim: Any, floor: float, has_lines: bool, regions: Any, basis: Any) -> None:
+    """Improve the optimum of the last climb of a turn, in a region with sets larger than points.
 
     `floor` is the best value known. The ascent starts at the best ends of lines through the cheapest decision, if there are to
-    be lines, at the decision that the climb was given, and at the best so far.
+    be lines, at the decision that the climb was given, and at the best so far. Lines through the best so far instead: of 1,344
+    decisions and as many lotteries over three to six states 18 lose up to 33 %, and 31 gain up to 19 %.
     """
-    climbs, optima, room = turn.climbs, turn.optima, turn.climb
-    number = climbs.region[s]
+    optima, room = turn.optima, turn.climb
     k = regions.size[number]
     face, best, given = face_of(regions, number, basis.shape[0]), np.empty(k + 1), np.empty(k + 1)
-    locate(regions, number, climbs.actions[s], given)
-    _keep(face, aim, basis, given, 0.0, optima, s, room)
+    locate(regions, number, room.action, given)
+    _keep(face, aim, basis, given, 0.0, optima, room)
     if k == 0:
         return
     put(given, best)
-    member = climbs.decoys[s].copy()
-    if optima.value[s] > -np.inf:
-        put(optima.place[s, : k + 1], best)
-        put(optima.nearest[s], member)
+    member = room.begin.copy()
+    if optima.value[0] > -np.inf:
+        put(optima.place[0, : k + 1], best)
+        put(optima.nearest[0], member)
     is_given, centre = bool(np.any(given != best)), best.copy()
     found, n_found = np.empty((_STARTS, k + 1)), 0
     if has_lines:
         move_to_cheapest(face, aim, centre)
-        n_found = look_around(face, aim, basis, centre, optima.value[s], found, room.distance)
+        n_found = look_around(face, aim, basis, centre, optima.value[0], found, room.distance)
     rows = _with_equalities(face)
     for e in range(n_found + 1 + is_given):
         trial, y = best.copy(), member.copy()
@@ -264,11 +258,11 @@ def search_set(s: int, turn: Any, aim: Any, floor: float, has_lines: bool, regio
             was_on_border = _is_on_border(y, k)
             if was_on_border:
                 weight = climb_border(face, aim, basis, y, trial, room)
-                _keep(face, aim, basis, trial, weight, optima, s, room)
-            known = max(floor, optima.value[s])
+                _keep(face, aim, basis, trial, weight, optima, room)
+            known = max(floor, optima.value[0])
             value, weight = ascend(face, rows, aim, basis, trial, y, known, room.distance)
             if value > -np.inf:
-                _keep(face, aim, basis, trial, weight, optima, s, room)
+                _keep(face, aim, basis, trial, weight, optima, room)
             if was_on_border or not _is_on_border(y, k):
                 break
 

@@ -14,20 +14,19 @@ import numpy as np
 from inscrutable.kernels.climb import MET
 from inscrutable.kernels.copies import put, put_descending
 from inscrutable.kernels.deferred import deferred
-from inscrutable.kernels.faces import row_value
+from inscrutable.kernels.faces import cost_at, row_value
 from inscrutable.kernels.options import integer, internal, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.references import by_reference, release
 from inscrutable.kernels.region_climb import (
     ClimbRoom,
-    Climbs,
     Optima,
     aim_of,
-    climb_decoys,
+    climb_decoy,
     climb_room,
     search_set,
 )
 from inscrutable.kernels.regions import UNKNOWN, decision_in, face_of, has_multipliers, locate
-from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
+from inscrutable.kernels.set_distance import NO_ROW, nearest_belief
 from inscrutable.tolerances import POLISH, ROW_IN_REACH
 
 AT_STARTS, AT_NEIGHBOURS, ENDED = integer(0), integer(1), integer(2)
@@ -111,8 +110,7 @@ class Turn(NamedTuple):
     source: Any  # (P,) where that is NO_START
     decoys: Any  # (2+F,X) of the sources, for F freed rows
     actions: Any  # (2,U) at BEST and FAR; freed rows have the first
-    climbs: Climbs
-    optima: Optima
+    optima: Optima  # one, of the last climb
     values: Any  # (R,) sign × distance of the best members at which a tight row's multiplier is zero
     order: Any  # (R,) of these
     members: Any  # (R,X)
@@ -123,18 +121,14 @@ class Turn(NamedTuple):
 def _turn_room(n_states: int, n_actions: int, n_rows: int, limits: Any) -> Turn:
     """Return memory for searches in a problem."""
     size, number, most = n_actions + 1, np.int64, limits.climbs
-    climbs = Climbs(
-        np.empty(most, dtype=number), np.empty((most, n_states)), np.empty((most, n_states)),
-        np.empty((most, n_actions)),
-    )  # fmt: skip
     optima = Optima(
-        np.empty(most), np.empty(most), np.empty(most), np.empty(most), np.empty((most, n_states)),
-        np.empty((most, size)), np.empty(most), np.empty((most, n_states)), np.empty((most, size)),
+        np.empty(1), np.empty(1), np.empty(1), np.empty(1), np.empty((1, n_states)), np.empty((1, size)), np.empty(1),
+        np.empty((1, n_states)), np.empty((1, size)),
     )  # fmt: skip
     return Turn(
         np.zeros(1, dtype=number), np.empty(most, dtype=number), np.empty(most, dtype=number),
-        np.empty(most, dtype=number), np.empty((FREED + limits.freed, n_states)), np.empty((FREED, n_actions)), climbs,
-        optima, np.empty(n_rows), np.empty(n_rows, dtype=number), np.empty((n_rows, n_states)),
+        np.empty(most, dtype=number), np.empty((FREED + limits.freed, n_states)), np.empty((FREED, n_actions)), optima,
+        np.empty(n_rows), np.empty(n_rows, dtype=number), np.empty((n_rows, n_states)),
         climb_room(n_states, n_actions, n_rows),
     )  # fmt: skip
 
@@ -158,9 +152,9 @@ def _orthant(belief: Any, point: Any) -> int:
 
 
 @uncounted
-def _record(reached: Any, t: int, number: int, orthant: int, optima: Any, s: int) -> None:
+def _record(reached: Any, t: int, number: int, orthant: int, optima: Any) -> None:
     """Keep the best decision of each region and orthant; where there is no room the worst is dropped."""
-    kept, value, potential = reached.optima, optima.value[s], optima.potential[s]
+    kept, value, potential = reached.optima, optima.value[0], optima.potential[0]
     is_nearest = not potential > value
     potential = max(value, potential)
     if not potential > -np.inf:
@@ -180,14 +174,14 @@ def _record(reached: Any, t: int, number: int, orthant: int, optima: Any, s: int
         reached.region[t, e], reached.orthant[t, e] = number, orthant
         kept.value[t, e], kept.potential[t, e] = -np.inf, -np.inf
     if value > kept.value[t, e]:
-        kept.value[t, e], kept.privacy[t, e] = value, optima.privacy[s]
-        kept.regret[t, e], kept.price[t, e] = optima.regret[s], optima.price[s]
-        put(optima.nearest[s], kept.nearest[t, e])
-        put(optima.place[s], kept.place[t, e])
+        kept.value[t, e], kept.privacy[t, e] = value, optima.privacy[0]
+        kept.regret[t, e], kept.price[t, e] = optima.regret[0], optima.price[0]
+        put(optima.nearest[0], kept.nearest[t, e])
+        put(optima.place[0], kept.place[t, e])
     if potential > kept.potential[t, e]:
         kept.potential[t, e] = potential
-        put(optima.nearest[s] if is_nearest else optima.far[s], kept.far[t, e])
-        put(optima.place[s] if is_nearest else optima.far_place[s], kept.far_place[t, e])
+        put(optima.nearest[0] if is_nearest else optima.far[0], kept.far[t, e])
+        put(optima.place[0] if is_nearest else optima.far_place[0], kept.far_place[t, e])
 
 
 @uncounted
@@ -387,22 +381,19 @@ def _plan(aim: Any, regions: Any, starts: Any, basis: Any, patience: int, t: int
 
 
 @uncounted
-def _begin_climbs(starts: Any, belief: Any, turn: Any) -> None:
-    """Where the climbs of a turn begin: at starts, or where the last climbs came to rest."""
-    climbs = turn.climbs
-    for j in range(turn.n_climbs[0]):
-        number, source, start = turn.region[j], turn.source[j], turn.start[j]
-        climbs.region[j] = number
-        if start != NO_START:
-            put(starts.decoys[start], climbs.decoys[j])
-            put(starts.decoys[start], climbs.others[j])
-            put(starts.actions[start], climbs.actions[j])
-        else:
-            put(turn.actions[FAR if source == FAR else BEST], climbs.actions[j])
-            for i in range(belief.size):
-                decoy = turn.decoys[source, i]
-                climbs.decoys[j, i] = decoy + _INWARD[0] * (belief[i] - decoy)
-                climbs.others[j, i] = decoy + _INWARD[1] * (belief[i] - decoy)
+def _begin_climb(starts: Any, belief: Any, turn: Any, j: int) -> None:
+    """Where a climb of a turn begins: at a start, or where the last climbs came to rest."""
+    source, start, room = turn.source[j], turn.start[j], turn.climb
+    if start != NO_START:
+        put(starts.decoys[start], room.begin)
+        put(starts.decoys[start], room.other)
+        put(starts.actions[start], room.action)
+    else:
+        put(turn.actions[FAR if source == FAR else BEST], room.action)
+        for i in range(belief.size):
+            decoy = turn.decoys[source, i]
+            room.begin[i] = decoy + _INWARD[0] * (belief[i] - decoy)
+            room.other[i] = decoy + _INWARD[1] * (belief[i] - decoy)
 
 
 @deferred(kernel)
@@ -418,7 +409,7 @@ def search_regions(steps: Any, aims: Any, regions: Any, starts: Any, basis: Any,
         by_reference(reached),
     )
     search = (reached, turn)
-    climbs, optima = turn.climbs, turn.optima
+    optima = turn.optima
     for t in steps:
         aim = aim_of(aims, t)
         while True:
@@ -426,19 +417,19 @@ def search_regions(steps: Any, aims: Any, regions: Any, starts: Any, basis: Any,
             count = turn.n_climbs[0]
             if count == 0:
                 break
-            _begin_climbs(starts, aim.belief, turn)
-            climb_decoys(count, climbs, aim, regions, basis, optima, turn.climb)
             floor = _largest(reached.optima.value[t], reached.count[t])
             for j in range(count):
-                number = climbs.region[j]
+                number = turn.region[j]
+                _begin_climb(starts, aim.belief, turn, j)
+                climb_decoy(number, aim, regions, basis, optima, turn.climb)
                 # No set is farther than its members: a region whose farthest decoy is worth less than what is known is left
                 # out. Where it is worth as much it may be what is known, and the region may have other local optima.
-                is_hopeless = -np.inf < optima.potential[j] < floor - MET
+                is_hopeless = -np.inf < optima.potential[0] < floor - MET
                 if aim.sign > 0.0 and not regions.is_point[number] and not is_hopeless:
                     has_lines = _is_new(reached, t, number, _LINES)
-                    search_set(j, turn, aim, floor, has_lines, regions, basis)
-                orthant = 0 if regions.is_point[number] else _orthant(optima.far[j], aim.point)
-                _record(reached, t, number, orthant, optima, j)
+                    search_set(number, turn, aim, floor, has_lines, regions, basis)
+                orthant = 0 if regions.is_point[number] else _orthant(optima.far[0], aim.point)
+                _record(reached, t, number, orthant, optima)
     release(room)
 
 

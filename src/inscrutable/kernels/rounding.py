@@ -14,6 +14,3 @@ NO_DISTANCE = 1e-12
 
 LEAST_SUM = 1e-290
 """A sum of powers below this has lost digits, and one above its inverse overflows soon."""
-
-TINY = 1e-300
-"""A positive number to divide by, or to take a logarithm of, in the place of zero."""

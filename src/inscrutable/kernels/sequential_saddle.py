@@ -24,8 +24,9 @@ from inscrutable import tolerances
 from inscrutable.kernels.copies import put, put_at_least, put_rows
 from inscrutable.kernels.faces import solve_factored
 from inscrutable.kernels.options import fused, integer, internal, kernel, summed
-from inscrutable.kernels.rounding import LEAST_SUM, TINY
+from inscrutable.kernels.rounding import LEAST_SUM
 from inscrutable.kernels.sequential_estimates import StepData, longest, own_cost, own_curve, own_slope
+from inscrutable.tolerances import TINY
 
 _SOLVED, _RESIDUAL = tolerances.SOLVED_STEP, tolerances.LAW_RESIDUAL
 _ROUNDING, _BACK = tolerances.SADDLE_ROUNDING, tolerances.RETURNING_LAW

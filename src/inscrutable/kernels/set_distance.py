@@ -211,16 +211,3 @@ def is_explained_once(face: Any, w: Any, basis: Any, n_rows: int) -> bool:
                 return False
     release(made)
     return True
-
-
-@uncounted
-def cost_at(curves: Any, belief: Any, w: Any) -> float:
-    """Σ π_i ½ w'C_i w."""
-    total = 0.0
-    for i in range(belief.size):
-        for a in range(w.size):
-            inner = 0.0
-            for c in range(w.size):
-                inner += curves[i, a, c] * w[c]
-            total += 0.5 * belief[i] * w[a] * inner
-    return total

@@ -330,7 +330,9 @@ def test_files_that_are_wrong_name_the_place(folder: Path) -> None:
         read_linear_world(file)
 
 
-def test_a_risk_of_factors_from_returns(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+def test_a_risk_of_factors_from_returns(
+    capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture, folder: Path
+) -> None:
     returns = load_industry_returns().returns.iloc[:60, :3].set_axis(NAMES, axis=1)
     returns.to_csv(folder / "R.csv", index_label="date")
     options = ["--returns", folder / "R.csv", "--factors", 1, "--risk-aversion", 2.5, "--seed", 1, "--json"]
@@ -338,9 +340,17 @@ def test_a_risk_of_factors_from_returns(capsys: pytest.CaptureFixture[str], fold
     code = cli.main([str(each) for each in (*fixed, *options)])
     said = capsys.readouterr()
     assert code == 0, said.err
+    assert not caplog.text
     problem = AlphaProblem(FactorRisk.from_returns(returns, 1), 2.5)
     maker = AlphaDecisionMaker(problem, 0.5, prior_covariance=np.diag([0.04, 0.01, 0.02]) / 100)
     assert json.loads(said.out)["bits_a_step"] == pytest.approx(maker.bits, rel=1e-6)
+
+    (0.4 * np.sign(returns)).to_csv(folder / "R.csv", index_label="date")  # percentages of what moves little
+    assert cli.main([str(each) for each in (*fixed, *options)]) == 0
+    assert "if they are percentages, divide them by 100" in caplog.text
+    returns.assign(Food=0.01).to_csv(folder / "R.csv", index_label="date")
+    assert cli.main([str(each) for each in (*fixed, *options)]) == 3
+    assert "returns of asset Food are constant" in capsys.readouterr().err
 
 
 def test_momentum_looks_back_only() -> None:
@@ -425,6 +435,18 @@ def test_a_backtest_of_alphas_by_command(capsys: pytest.CaptureFixture[str], tmp
     assert code == 3
     assert "alphas have 1 rows before the first decision" in err
     assert "--prior-covariance or --world" in err
+
+
+def test_alphas_in_per_cent_are_named_beside_the_figures() -> None:
+    """A forecast that explains all of the returns' variance is as large as they are."""
+    rng = np.random.default_rng(5)
+    months = [f"{each:%Y-%m}" for each in pd.date_range("2001-01-31", periods=24, freq="ME")]
+    for size, told in ((0.9, False), (1.2, True), (100.0, True)):
+        alphas = pd.DataFrame(size * rng.normal(0.0, [0.06, 0.03, 0.04], (24, 3)), months, NAMES)
+        risk = pd.DataFrame(np.diag([0.06, 0.03, 0.04]) ** 2, NAMES, NAMES)
+        maker = AlphaDecisionMaker(AlphaProblem(risk, 3.0), 0.4, prior_covariance=alphas.cov())
+        found = alpha_backtest(maker, alphas, rng=rng)
+        assert ("are they in per cent?" in str(found)) == told
 
 
 @pytest.mark.parametrize(

@@ -176,6 +176,15 @@ def test_percentages_are_remarked_on(folder: Path, capsys: pytest.CaptureFixture
     assert "The weights of May add up to 100 in size" in " ".join(capsys.readouterr().out.split())
 
 
+def test_returns_in_per_cent_are_remarked_on(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
+    returns = pd.read_csv(folder / "returns.csv", index_col=0)
+    assert main(asked(folder, "--risk-aversion", "3", risk="returns")) == 0
+    assert not caplog.text
+    (0.4 * np.sign(returns)).to_csv(folder / "returns.csv")  # percentages of what moves little
+    assert main(asked(folder, "--risk-aversion", "3", risk="returns")) == 0
+    assert "if they are percentages, divide them by 100" in caplog.text
+
+
 def test_weights_without_a_column_of_labels_are_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pd.DataFrame([[0.5, 0.3, 0.2]], columns=ASSETS).to_csv(folder / "bare.csv", index=False)
     assert main(asked(folder, "--risk-aversion", "2", weights="bare.csv")) == 3

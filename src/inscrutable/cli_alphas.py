@@ -20,6 +20,7 @@ from inscrutable.cli_values import (
     budget_of,
     check_labels,
     covariance_of,
+    history_of,
 )
 
 if TYPE_CHECKING:
@@ -99,14 +100,14 @@ class AlphaOptions:
     def maker(self, budget: str | None) -> AlphaDecisionMaker:
         """Return the rule of these files and numbers."""
         from inscrutable.alphas import AlphaDecisionMaker, AlphaProblem, FactorRisk
-        from inscrutable.datasets import read_labelled_matrix, read_returns
+        from inscrutable.datasets import read_labelled_matrix
         from inscrutable.experiments.alpha_run import read_linear_world
 
         if self.covariance is not None:
             risk: Any = covariance_of(self.covariance)
         else:
             assert self.returns is not None
-            history = read_returns(self.returns)
+            history = history_of(self.returns)
             risk = history.cov() if self.factors is None else FactorRisk.from_returns(history, self.factors)
         names = [str(each) for each in (risk.names or () if isinstance(risk, FactorRisk) else risk.columns)]
         loads = None if self.loadings is None else read_labelled_matrix(self.loadings)

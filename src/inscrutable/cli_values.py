@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -30,6 +31,8 @@ MeasureName = Literal["maximal", "desired", "non-existence", "non-uniqueness", "
 class UsageError(Exception):
     """Wrong usage of the command line: an option is malformed, missing or contradicts another."""
 
+
+_LOGGER = logging.getLogger(__name__)
 
 _ARGUMENT = re.compile(r"(?:study, key |.*, key constraints: )?(?:n_)?([a-z]\w*)(?:\.[\w-]+)*(?=[: ])")
 """An argument's name, with which the library's messages about it begin; a section may stand before it."""
@@ -258,3 +261,16 @@ def writable_folder(path: Path, verb: str) -> Path:
     if not before:
         folder.rmdir()
     return folder
+
+
+def history_of(path: Path, *, prices: bool = False) -> pd.DataFrame:
+    """Return the returns of a file, or of one of prices; what looks wrong in them is logged."""
+    from inscrutable.datasets import read_returns
+    from inscrutable.experiments.backtest_inputs import suspicious_returns
+
+    returns = read_returns(path, prices=prices)
+    if len(returns) < 2:
+        raise InputError(f"{path}: {len(returns)} rows of returns, expected at least 2")
+    for each in suspicious_returns(returns):
+        _LOGGER.warning("%s: suspicious returns: %s", path, each)
+    return returns

@@ -21,6 +21,7 @@ from inscrutable.cli_values import (
     amount_of,
     check_labels,
     covariance_of,
+    history_of,
     writable_folder,
 )
 from inscrutable.labels import label_text
@@ -205,7 +206,6 @@ def _risk(
 ) -> Any:
     """The covariance of the weights' columns, in their order: as given, or of a history of returns or prices."""
     from inscrutable.alphas import FactorRisk
-    from inscrutable.datasets import read_returns
     from inscrutable.errors import InputError
 
     path, table = held
@@ -220,8 +220,6 @@ def _risk(
         check_labels(path, assets, covariance, list(given.columns))
         return given.loc[assets, assets]
     assert history is not None
-    returns = read_returns(history, prices=are_prices)
+    returns = history_of(history, prices=are_prices)
     check_labels(path, assets, history, list(returns.columns))
-    if len(returns) < 2:
-        raise InputError(f"{history}: {len(returns)} rows of returns, expected at least 2")
     return returns[assets].cov() if factors is None else FactorRisk.from_returns(returns[assets], factors)

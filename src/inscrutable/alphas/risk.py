@@ -211,7 +211,8 @@ class FactorRisk(Risk):
             n_factors: k, from 0 to the smaller of T − 1 and n.
 
         Raises:
-            InputError: An entry is not finite, there are fewer than two rows, or `n_factors` is out of range.
+            InputError: An entry is not finite, a column is constant, there are fewer than two rows, or `n_factors` is out of
+                range.
 
         Cost: O(T n min(T, n)); the sample covariance is not formed. Source: the principal-factor method.
 
@@ -230,6 +231,12 @@ class FactorRisk(Risk):
             )
         moved = (rows - rows.mean(axis=0)) / np.sqrt(len(rows) - 1)
         variances = (moved**2).sum(axis=0)
+        if not variances.min() > 0.0:
+            j = int(variances.argmin())
+            raise InputError(
+                f"returns of asset {assets.names[j] if assets.names else j} are constant: a factor model divides by the "
+                "variance of each asset; leave it out"
+            )
         _, sizes, axes = np.linalg.svd(moved, full_matrices=False)
         loads = axes[:k].T * sizes[:k]
         least = tolerances.COVARIANCE_FLOOR * variances

@@ -45,6 +45,20 @@ class AlphaBacktest:
     errors: Array
     period: str = "month"
 
+    def caution(self) -> str:
+        """Return a sentence where the alphas vary more than the returns that they forecast; else nothing.
+
+        Formula: without limits the worth is m'V⁻¹m / 4γ, and a forecast that explains all of n returns has E[m'V⁻¹m] = n.
+        """
+        problem = self.maker.problem
+        explained = 4.0 * problem.risk_aversion * float(self.worth.mean()) / problem.n_assets
+        if explained <= 1.0:
+            return ""
+        return (
+            f"Caution: the alphas are {np.sqrt(explained):.3g} times as large as forecasts that explain all of the returns' "
+            "variance (are they in per cent?): no figure here can be trusted."
+        )
+
     def table(self) -> pd.DataFrame:
         """Return one row a month, in basis points and bits."""
         found = pd.DataFrame(
@@ -101,7 +115,7 @@ class AlphaBacktest:
             lines.append(
                 f"{'realised returns':<24}{optimal:.2f} optimal, {published:.2f} published, {constant:.2f} constant"
             )
-        return "\n".join(lines)
+        return "\n".join(filter(None, [*lines, self.caution()]))
 
     __str__ = summary
 

@@ -175,20 +175,21 @@ def sample_until(returns: pd.DataFrame, train_until: str, riskless: pd.Series | 
         raise InputError(f"{n_held} rows follow the training sample that ends {train_until}; need at least 2")
     base = np.zeros(n_held) if riskless is None else aligned_riskless(riskless, dates[n_training:])
     rows = frequency_of(dates)
-    suspicious = (*_percentages(table, rows), *suspicious_entries(table), *_annual_rates(base, rows))
+    suspicious = (*suspicious_returns(table), *_annual_rates(base, rows))
     for each in suspicious:
         _LOGGER.warning("suspicious returns: %s", each)
     return ReturnsSample(table, base, riskless is not None, n_training, rows, suspicious)
 
 
-def _percentages(returns: pd.DataFrame, rows: Frequency) -> list[str]:
-    """Return a warning where half of the returns are larger than nearly all that assets have, as mild percentages are."""
-    usual = float(np.median(np.abs(returns.to_numpy())))
+def suspicious_returns(returns: pd.DataFrame) -> tuple[str, ...]:
+    """Return warnings about dated returns (T,U), T ≥ 2: those of `suspicious_entries`, and before them one where half of the
+    returns are larger than nearly all that assets have, as mild percentages are."""
+    rows, usual = frequency_of(pd.DatetimeIndex(returns.index)), float(np.median(np.abs(returns.to_numpy())))
+    entries = suspicious_entries(returns)
     if not usual * np.sqrt(rows.per_year) > _MOST_USUAL_A_YEAR:
-        return []
-    return [
-        f"half of the returns exceed {usual:.0%} a {rows.word} in size; if they are percentages, divide them by 100"
-    ]
+        return entries
+    told = f"half of the returns exceed {usual:.0%} a {rows.word} in size; if they are percentages, divide them by 100"
+    return told, *entries
 
 
 def _annual_rates(riskless: Array, rows: Frequency) -> list[str]:

@@ -81,7 +81,7 @@ def reproduction_content(
             **versions_told(),
             "seed": str(settings.seed),
             **keys_of(settings.model_dump(mode="json", exclude_none=True)),
-            "step of the triangles": str(result.step + 1),
+            "step of the triangles": str(result.step),  # counted from 0, as in the pictures over time
             **manifest,
         },
     )

@@ -145,6 +145,21 @@ def test_sums_off_by_rounding_are_completed_and_zeros_stay_zero() -> None:
     assert 0 < row.adjustment < 0.01
 
 
+def test_a_sum_missed_by_more_than_rounding_is_a_caution() -> None:
+    """As with cash that the file leaves out: more digits then give intervals that are narrow and wrong."""
+    model, beliefs = market(9, 6), np.array([[0.1, 0.8, 0.1], [0.3, 0.3, 0.4]])
+    for decimals in (None, 4, 2):
+        weights = published(model, beliefs, decimals)
+        assert not attack_weights(model, weights, decimals=decimals).cautions()
+        weights.iloc[1] *= 0.996
+        found = attack_weights(model, weights, decimals=decimals)
+        missed = 0.004 - 3e-8 if decimals is None else max(0.004 - 3 * 10.0**-decimals, 0.0)
+        assert found.missed == pytest.approx([0.0, missed], abs=2e-4 if decimals else 1e-8)
+        said = "".join(found.cautions())
+        assert ("Caution: 1 of 2 rows miss the sum of the weights" in said) == (missed > 0)
+        assert ("--normalise" in said) == (missed > 0)
+
+
 def test_a_cap_that_rounding_hides_is_taken_as_tight() -> None:
     region = simplex(5) & box(np.full(5, -np.inf), np.full(5, 1 / 3))
     model = market(10, 5, region=region)

@@ -186,6 +186,14 @@ def test_rows_of_another_rule_are_not_judged_by_this_one() -> None:
     assert "cannot be judged, as it errs" in judge_attack(attack, held, replace(over_time, n_off=6)).summary()
 
 
+def test_rounded_rows_are_those_that_the_rule_plays() -> None:
+    """Four of the twenty are weights for beliefs that the filter does not reach, however they are rounded."""
+    _, weights = record(20)
+    for decimals in (None, 3, 2):
+        written = weights if decimals is None else weights.round(decimals)
+        assert attack_over_time(attack_weights(MODEL, written, decimals=decimals), "cdm").n_off == 4, decimals
+
+
 def test_an_aware_observer_that_errs_far_more_than_it_expects_is_not_judged(
     followed: tuple[pd.DataFrame, Attack, AttackOverTime],
 ) -> None:

@@ -17,7 +17,7 @@ from inscrutable import Disclosure, InputError
 from inscrutable.cli import main
 from inscrutable.experiments.backtest_inputs import BacktestSettings
 from inscrutable.experiments.comparison import ComparisonSettings, makers_of
-from inscrutable.experiments.disclosing import under_disclosures
+from inscrutable.experiments.disclosing import DisclosureRow, DisclosureTable, under_disclosures
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.mechanisms.disclosed import disclosed, shown_classes
 from inscrutable.reports.backtest import table_of
@@ -584,3 +584,18 @@ def test_the_verb_makes_the_sequential_rule_for_each_schedule(
     assert "decisions are made for each" in capsys.readouterr().out
     exact, quarterly = pd.read_csv(out / "disclosures.csv").error
     assert quarterly > exact > 0.0
+
+
+def test_errors_that_differ_by_noise_alone_are_no_ranking() -> None:
+    def said(*errors: tuple[float, float]) -> str:
+        rows = [
+            DisclosureRow(f"every({k})", 0.1, 0.01, *each, np.array([each[0]]), 1.0, 0.1)
+            for k, each in enumerate(errors)
+        ]
+        return DisclosureTable(tuple(rows), 0.5, 0.0, 1, 3).summary()
+
+    assert "errs alike with each, by 0.346 (69% of 0.500" in said((0.346, 0.0), (0.346 + 1e-16, 0.0), (0.346, 0.0))
+    assert "errs alike with each" in said((0.316, 0.002), (0.315, 0.002))
+    told = said((0.316, 0.002), (0.2, 0.01), (0.314, 0.002), (0.21, 0.01))
+    assert "errs least with every(1) or every(3), by 0.200" in told
+    assert "most with every(0) or every(2), by 0.316" in told

@@ -105,6 +105,19 @@ def test_who_is_best_goes_by_the_nearer_of_the_two_bounds() -> None:
     assert told.index("B (") < told.index("A (")
 
 
+@pytest.mark.parametrize(("chance", "cases"), [(0.7, 60), (0.1, 10), (0.55, 40), (0.4, 15)])
+def test_rounding_decides_no_tie(chance: float, cases: int) -> None:
+    """A share of right namings a third of the way from chance to always, as a count of cases, and two thirds of the error."""
+    count = round(cases * (chance + (1.0 - chance) / 3.0))
+    assert 3 * count / cases == pytest.approx(2 * chance + 1)
+    for error in (0.3, 0.55, 0.7):
+        asked = Requirement(error, chance)
+        assert asked.is_met(Reached("CDM", error * 2.0 / 3.0, count / cases))
+        assert ">" not in asked.compare(Reached("CDM", 2.0 * error / 3.0, count / cases))
+        assert not asked.is_met(Reached("CDM", error * 0.66, count / cases))
+        assert not asked.is_met(Reached("CDM", error, count / cases + 1e-9))
+
+
 def test_a_figure_that_misses_its_bound_by_little_reads_differently_from_it() -> None:
     asked = Requirement(0.6, 0.4)
     close = Reached("A", 0.3996, 0.6000004)

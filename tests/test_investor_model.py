@@ -240,6 +240,10 @@ def test_returns_and_decisions_of_another_step_are_named(tmp_path: Path) -> None
     weights = pd.DataFrame(model.problem.solve(rng.dirichlet(np.ones(3), 12)), rows("W").index, list(model.assets))
     said = attack_over_time(attack_weights(model, weights), "optimal").summary()
     assert "Caution: rows come once a week, the steps of the model once a month" in said
+    for frequency, told in (("2ME", "every 6"), ("6ME", "every 18"), ("YE", "once a year")):
+        for some in (weights, weights.iloc[:2]):
+            read = attack_weights(model, some.set_axis(rows(frequency).index[: len(some)], axis=0))
+            assert f"Caution: rows come {told}" in attack_over_time(read, "optimal").summary(), frequency
     weights.index = rows("ME").index
     assert "the steps of the model" not in attack_over_time(attack_weights(model, weights), "optimal").summary()
 

@@ -634,6 +634,15 @@ def test_help_names_the_extra(verb: str, capsys: pytest.CaptureFixture[str]) -> 
     assert "inscrutable[report]" in " ".join(capsys.readouterr().out.split()).replace("│ │ ", "")
 
 
+def test_looks_are_all_different_and_variants_keep_their_colour() -> None:
+    names = ["PDM", "PDM, atom 1", "PDM, atom 2", "PDM, atom 3", "CDM", "CDM local", "CDM far", *map(str, range(30))]
+    looks = style.looks_of(names)
+    assert list(looks) == names
+    assert len({(look.colour, look.marker) for look in looks.values()}) == len(names)
+    assert {looks[name].colour for name in names[:4]} == {style.LOOKS["PDM"].colour}
+    assert looks["PDM"] == style.LOOKS["PDM"]
+
+
 def test_every_mark_of_the_pictures_is_known_to_the_page() -> None:
     script = (Path(page_folder.__file__).parent / "assets" / "charts.js").read_text("utf-8")
     looks = [*style.LOOKS.values(), *style.looks_of(f"stranger {k}" for k in range(9)).values()]

@@ -93,7 +93,8 @@ def attack(
         found = attack_weights(investor, table, regret=most, previous=before, progress=move)
     over_time = None if mechanism is None else attack_over_time(found, mechanism, limit, state=state)
     judged = None if held is None else judge_attack(found, held, over_time)
-    cautions = [*table.cautions(), *([] if over_time is None else over_time.cautions())]
+    doubts = [*table.cautions(), *found.cautions()]
+    cautions = [*doubts, *([] if over_time is None else over_time.cautions())]
     more = ({} if judged is None else {"judged": judged.figures()}) | {"cautions": cautions}
     write = partial(_write, found, over_time, more)
     files = [] if folder is None else replaced(folder, "attack", write, speech)
@@ -111,7 +112,7 @@ def attack(
     if over_time is not None:
         for line in over_time.summary().splitlines():
             speech.sentence(line)
-    for line in [*table.cautions(), *([] if judged is None else judged.summary().splitlines())]:
+    for line in [*doubts, *([] if judged is None else judged.summary().splitlines())]:
         speech.sentence(line)
     speech.files(files)
 

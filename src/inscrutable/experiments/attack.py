@@ -80,6 +80,7 @@ class Attack:
         rows: One reading per row.
         decimals: Decimals the weights were rounded to, None for full precision.
         regret: The regret allowed besides rounding, in the cost's unit.
+        missed: Per row the most by which its weights miss their sum or a limit beyond what rounding explains, shape (T,).
     """
 
     model: InvestorModel
@@ -87,6 +88,18 @@ class Attack:
     rows: tuple[RowReading, ...]
     decimals: int | None
     regret: float = 0.0
+    missed: Array | None = None
+
+    def cautions(self) -> list[str]:
+        """Return what may be wrong with the weights: rows that were moved onto their sum or a limit."""
+        if self.missed is None or not self.missed.any():
+            return []
+        written = "in full precision" if self.decimals is None else f"rounded to {decimal_places(self.decimals)}"
+        return [
+            f"Caution: {int((self.missed > 0.0).sum())} of {len(self)} rows miss the sum of the weights, or a limit, by up to "
+            f"{self.missed.max():.2g} more than weights {written} can. They are moved onto it, which the beliefs do not allow "
+            "for: --normalise scales rows to the sum 1, --digits states another rounding."
+        ]
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -182,7 +195,7 @@ def attack_weights(
     if digits is not None:
         digits = validation.count(digits, "decimals", least=0)
     published = _aligned(frame, checked_model(model).assets)
-    _check_rows(model, published, frame.index, 0.0 if digits is None else half_unit(digits))
+    missed = _missed(model, published, frame.index, half_unit(FULL_PRECISION_DIGITS if digits is None else digits))
     most = validation.non_negative(regret, "regret")
     if model.turnover is not None and digits is not None:
         raise InputError(
@@ -195,7 +208,7 @@ def attack_weights(
         rows.append(_read_row(model.problem_after(before), row, digits, most))
         if progress is not None:
             progress(step + 1, len(published))
-    return Attack(model, frame.index, tuple(rows), digits, most)
+    return Attack(model, frame.index, tuple(rows), digits, most, missed)
 
 
 def _read_row(problem: MarkowitzProblem, published: Array, decimals: int | None, regret: float) -> RowReading:
@@ -275,8 +288,9 @@ def _aligned(frame: Any, assets: tuple[str, ...]) -> Array:
     return np.asarray(values)
 
 
-def _check_rows(model: InvestorModel, published: Array, index: pd.Index, half_unit: float) -> None:
-    """Raise `InputError` for rows that rounding cannot explain: U rounded weights may miss a sum by U half units."""
+def _missed(model: InvestorModel, published: Array, index: pd.Index, half_unit: float) -> Array:
+    """Return by how much rows (T,U) miss their sum or a limit beyond what rounding explains: U weights miss a sum by U half
+    units. Raises `InputError` for rows that are no weights of the model at all."""
     region = model.problem.constraints
     if isinstance(region, MagnitudeRegion):
         region = region.rows  # the nearest feasible weights meet its limits
@@ -301,6 +315,7 @@ def _check_rows(model: InvestorModel, published: Array, index: pd.Index, half_un
             f"expected at most {allowed[constraint]:.3g} from rounding"
             + ("; short holdings need the limit long_short (--long-short)" if name.endswith(">= 0") else "")
         )
+    return np.asarray(np.maximum(amounts - half_unit * sizes - tolerances.FEASIBILITY, 0.0).max(axis=1, initial=0.0))
 
 
 def _row_name(index: pd.Index, row: int) -> str:

@@ -27,7 +27,8 @@ from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Attack, Reading
 from inscrutable.experiments.backtest_aware import doubted, resolution_for
 from inscrutable.experiments.cell_mechanism import N_NEAREST, cell_beliefs, cell_mechanism
-from inscrutable.experiments.investor_model import InvestorModel, step_of
+from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.experiments.performance import frequency_of
 from inscrutable.experiments.protect_sequence import sequence_budget
 from inscrutable.experiments.silence import chain_of
 from inscrutable.mechanisms import Mechanism, Prior
@@ -98,11 +99,8 @@ class AttackOverTime:
         missing = missing_steps(list(index)) if isinstance(index, pd.DatetimeIndex) else ""
         if missing:
             lines.append(f"Caution: rows follow one another as single steps, but their dates do not: {missing}.")
-        word, step = step_of(index), self.attack.model.step
-        if word and step and word != step:
-            lines.append(
-                f"Caution: rows come once a {word}, the steps of the model once a {step}; each row counts as one step."
-            )
+        if self.attack.model.step:
+            lines += _other_steps(index, self.attack.model.step)
         if lost:
             lines.append(
                 f"Caution: {lost} of the {len(found)} rows are explained by no belief of this model, so that this observer's "
@@ -116,6 +114,18 @@ class AttackOverTime:
         numbers = table.columns[:-1]
         table[numbers] = table[numbers].map("{:.3f}".format)
         return table
+
+
+def _other_steps(index: pd.Index, step: str) -> list[str]:
+    """Return a caution where dated rows are not as far apart as the steps of the model."""
+    if not isinstance(index, pd.DatetimeIndex) or len(index) < 2:
+        return []
+    found = frequency_of(index)
+    word = {"day": "trading day"}.get(found.word, found.word)  # a few days need not hold a weekend
+    if word == step:
+        return []
+    told = f"every {365.25 / found.per_year:.3g} days" if word == "period" else f"once a {word}"
+    return [f"Caution: rows come {told}, the steps of the model once a {step}; each row counts as one step."]
 
 
 def attack_over_time(
@@ -161,7 +171,7 @@ def attack_over_time(
         return AttackOverTime(attack, rule, inferred, chain.prior.error, watched.n_off(attack, inferred.statuses))
     inferred = SequentialAdversary(doubted(chain), known).filter(attack.actions, nearest=N_NEAREST)
     return AttackOverTime(
-        attack, rule, inferred, chain.prior.error, _n_off(known.actions, attack.actions), _assumed(rule, model, budget)
+        attack, rule, inferred, chain.prior.error, _n_off(known.actions, attack), _assumed(rule, model, budget)
     )
 
 
@@ -187,10 +197,9 @@ class _Watched:
 
     def n_off(self, attack: Attack, statuses: Sequence[SequenceStatus]) -> int:
         """Return how many rows of weights the rule does not play, rounding allowed for."""
-        rounding = tolerances.SAME_ACTION if attack.decimals is None else half_unit(attack.decimals)
         gaps = [np.abs(each - row).max(axis=1).min() for each, row in zip(self._played, attack.actions, strict=True)]
         return sum(
-            not (status is SequenceStatus.USED or (status is SequenceStatus.NEAREST and gap <= rounding * _ROUNDED))
+            not (status is SequenceStatus.USED or (status is SequenceStatus.NEAREST and gap <= _rounding(attack)))
             for status, gap in zip(statuses, gaps, strict=True)
         )
 
@@ -199,12 +208,18 @@ _ROUNDED = 2.0
 """Half units of the last digit by which a row may be off: its rounding, and that of the weights that make up for the sum."""
 
 
-def _n_off(played: Array, seen: Array) -> int:
-    """Return how many decisions (T,U) lie farther from the nearest played one than `N_NEAREST` of its neighbours."""
-    tree = cKDTree(played)
+def _rounding(attack: Attack) -> float:
+    """The most that rounding changes a weight of a row."""
+    return _ROUNDED * (tolerances.SAME_ACTION if attack.decimals is None else half_unit(attack.decimals))
+
+
+def _n_off(played: Array, attack: Attack) -> int:
+    """Return how many rows lie farther from the nearest played decision than `N_NEAREST` of its neighbours, and than rounding
+    moves them."""
+    seen, tree = attack.actions, cKDTree(played)
     gaps, place = tree.query(seen)
     around = np.atleast_2d(tree.query(played[place], k=min(N_NEAREST + 1, len(played)))[0])[:, -1]
-    return int((gaps > np.maximum(around, tolerances.SAME_ACTION)).sum())
+    return int((gaps > np.maximum(around, np.sqrt(seen.shape[1]) * _rounding(attack))).sum())
 
 
 def _mechanism(

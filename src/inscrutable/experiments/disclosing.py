@@ -128,11 +128,24 @@ class DisclosureTable(Summarised, Saved):
         least, most = (pick(self.rows, key=lambda row: row.error) for pick in (min, max))
         same = "decisions are made for each" if self.is_made_for_each else "the decisions are the same"
         spent = round(self.expected_regret, _DIGITS) + 0.0
+        ends = [self._alike(least), self._alike(most)]
+        by = f"by {least.error:.3f} ({self._share(least):.0%} of {self.prior_error:.3f}, its error without decisions)"
+        cost = f"{same}, at an expected regret of {spent:.3g}."
+        if len(ends[0]) == len(self.rows) > 1:
+            return f"In short: the aware observer errs alike with each, {by}; {cost}"
+        with_least, with_most = (" or ".join(each) for each in ends)
         return (
-            f"In short: the aware observer errs least with {least.disclosure}, by {least.error:.3f} ({self._share(least):.0%} "
-            f"of {self.prior_error:.3f}, its error without decisions), and most with {most.disclosure}, by {most.error:.3f} "
-            f"({self._share(most):.0%}); {same}, at an expected regret of {spent:.3g}."
+            f"In short: the aware observer errs least with {with_least}, {by}, and most with {with_most}, by {most.error:.3f} "
+            f"({self._share(most):.0%}); {cost}"
         )
+
+    def _alike(self, row: DisclosureRow) -> list[str]:
+        """Disclosures whose error differs from a row's by no more than two standard errors of the difference."""
+        return [
+            each.disclosure
+            for each in self.rows
+            if abs(each.error - row.error) <= 2.0 * np.hypot(each.error_se, row.error_se) + tolerances.SAME_BELIEF
+        ]
 
 
 def whole_ones(disclosures: Sequence[str], actions: Array) -> list[str]:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inscrutable import validation
+from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError
 from inscrutable.labels import listed
 from inscrutable.mechanisms.joint import top_states
@@ -82,13 +82,13 @@ class Requirement:
 
     @property
     def least_error(self) -> float:
-        """The least error of a hidden belief."""
-        return ERROR_KEPT * self.error_without
+        """The least error of a hidden belief; rounding decides no tie."""
+        return ERROR_KEPT * self.error_without * (1.0 - tolerances.SUM_ROUNDING)
 
     @property
     def most_named(self) -> float:
-        """The largest share of right namings of a hidden belief."""
-        return self.chance + NAMING_GAINED * (1.0 - self.chance)
+        """The largest share of right namings of a hidden belief; rounding decides no tie."""
+        return (self.chance + NAMING_GAINED * (1.0 - self.chance)) * (1.0 + tolerances.SUM_ROUNDING)
 
     def is_met(self, reached: Reached) -> bool:
         """Return whether the belief is hidden; False without an estimate."""

@@ -16,7 +16,7 @@ from inscrutable.experiments.protect import Protection, implausible_rows, privac
 from inscrutable.geometry import BeliefSet
 from inscrutable.labels import label_text
 from inscrutable.reports.simplex_plots import plot_beliefs
-from inscrutable.reports.style import BLACK, GREY, as_written, drawing, look_of, save_figure
+from inscrutable.reports.style import BLACK, GREY, as_written, drawing, look_of, looks_of, save_figure
 from inscrutable.validation import Array
 
 _SMALLEST_SHOWN = 0.0005
@@ -160,8 +160,9 @@ def plot_protected_beliefs(protection: Protection, step: int, axes: Any) -> None
     place = np.arange(len(regimes))
     axes.plot(place, protection.beliefs[step], "*", color=BLACK, markersize=9, label="private belief", zorder=4)
     said = what_each_says(protection, step)
+    looks = looks_of(said)
     for shift, (name, held) in zip(np.linspace(-0.3, 0.3, len(said)), said.items(), strict=True):
-        look = look_of(name)
+        look = looks[name]
         bounds = held.bounds()
         axes.vlines(place + shift, bounds[:, 0], bounds[:, 1], color=look.colour, linewidth=2, alpha=0.5)
         axes.plot(place + shift, held.center(), look.marker, color=look.colour, label=name)

@@ -34,6 +34,7 @@ LOOKS = {
     "rate-distortion": Look("#332288", "s", "-"),
     "Stackelberg": Look(BLACK, "D", "-"),
 }
+MARKERS = ("o", "s", "D", "v", "^", "p", "d", "*", "x", "+")
 _VARIANTS = {"^": "v", "x": "+", "o": "s", "s": "p", "D": "d", "P": "X"}
 REGIME_COLOURS = ("#56B4E9", "#E69F00", "#882255", "#117733", "#332288", "#999933", "#AA4499", "#44AA99")
 
@@ -81,13 +82,16 @@ def look_of(name: str) -> Look:
 
 
 def looks_of(names: Iterable[str]) -> dict[str, Look]:
-    """Return the looks of several names, all different."""
-    looks, strangers = {}, 0
+    """Return a look for every name, all different; variants keep the colour of their decision maker."""
+    looks, strangers, taken = dict[str, Look](), 0, set[tuple[str, str]]()
     for name in names:
-        looks[name] = look_of(name)
-        if looks[name] is _OTHERS[0]:
-            looks[name] = _OTHERS[strangers % len(_OTHERS)]
+        look = look_of(name)
+        if look is _OTHERS[0]:
+            look = _OTHERS[strangers % len(_OTHERS)]
             strangers += 1
+        free = (marker for marker in (look.marker, *MARKERS) if (look.colour, marker) not in taken)
+        looks[name] = look._replace(marker=next(free, look.marker))
+        taken.add((look.colour, looks[name].marker))
     return looks
 
 

@@ -187,7 +187,7 @@ class BudgetSection(Section):
 
     def remarks(self) -> list[str]:
         """Return cautions about unusual shares; amounts in the cost's unit are not judged, since that is any."""
-        if self.unit not in ("relative", "silence"):
+        if self.unit == "regret":
             return []
         budgets = [SilenceShare(value) if self.unit == "silence" else Budget.relative(value) for value in self.values]
         return [

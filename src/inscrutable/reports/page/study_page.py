@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,14 +20,13 @@ from inscrutable.labels import capital
 from inscrutable.reports.names import full_name, spelled
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import manifest_of
-from inscrutable.reports.style import REGIME_COLOURS, Look, looks_of
+from inscrutable.reports.style import MARKERS, REGIME_COLOURS, Look, looks_of
 
 _MOST_CELLS = 25_000
 _MOST_REASONS = 20
 _TASKS_NAMED = 5
 _DIGITS = 6
 _DECIMALS = 12
-_MARKERS = ("o", "s", "D", "v", "^", "p", "d", "*", "x", "+")
 
 _COSTS = ("silence_share", "cost_share", "expected_regret", "worst_regret")
 """Measures of cost, the most informative first."""
@@ -214,7 +213,7 @@ def _sweep_data(sweep: Sweep | None, shown: Sequence[int]) -> dict[str, Any] | N
     values = list(sweep.values) if sweep.is_numeric else list(range(len(sweep.values)))
     ticks = None if sweep.is_numeric else [[place, str(each)] for place, each in enumerate(sweep.values)]
     names = list(dict.fromkeys(curve.name for _, curves in sweep.facets for curve in curves))
-    looks = _curve_looks(names) if sweep.curves_of else _looks(names)
+    looks = _curve_looks(names) if sweep.curves_of else looks_of(names)
     return {
         "axis": sweep.axis,
         "values": values,
@@ -234,7 +233,7 @@ def _curve_looks(names: Sequence[str]) -> dict[str, Look]:
     """Looks of the values of a key."""
     lines = ("-", "--", ":", "-.")
     return {
-        name: Look(REGIME_COLOURS[place % len(REGIME_COLOURS)], _MARKERS[place], lines[place % len(lines)])
+        name: Look(REGIME_COLOURS[place % len(REGIME_COLOURS)], MARKERS[place], lines[place % len(lines)])
         for place, name in enumerate(names)
     }
 
@@ -252,7 +251,7 @@ def page_data(means: StudyMeans, shown: Sequence[int]) -> dict[str, Any]:
         "makers": names,
         "main": _main(means, names),
         "spelled": {name: spelled(name) for name in names},
-        "looks": {name: look._asdict() for name, look in _looks(names).items()},
+        "looks": {name: look._asdict() for name, look in looks_of(names).items()},
         "budgets": means.amounts,
         "figures": [title_of(each) for each in means.figures],
         "errors": [each.measure == "error" for each in means.figures],
@@ -288,17 +287,6 @@ def _numbers(means: StudyMeans, setting: int, play: int, figure: int) -> list[fl
 
 def _rounded(value: float) -> float | None:
     return float(f"{round(value, _DECIMALS) + 0.0:.{_DIGITS}g}") if np.isfinite(value) else None
-
-
-def _looks(names: Iterable[str]) -> dict[str, Look]:
-    """Return a look for every name, distinct as long as possible; variants keep the colour of their decision maker."""
-    taken: set[tuple[str, str]] = set()
-    found = {}
-    for name, look in looks_of(names).items():
-        free = [marker for marker in (look.marker, *_MARKERS) if (look.colour, marker) not in taken]
-        found[name] = Look(look.colour, free[0] if free else look.marker, look.line)
-        taken.add((look.colour, found[name].marker))
-    return found
 
 
 def _headline(means: StudyMeans) -> list[int]:

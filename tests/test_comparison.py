@@ -621,3 +621,20 @@ def test_budgets_above_silence_are_named(market: tuple[MarkowitzProblem, Prior])
         "Caution: a budget of 2500% of the silence regret is more than a constant decision costs (25 per cent are written "
         "silence:25%)."
     ]
+
+
+def test_a_row_does_not_depend_on_the_others_that_are_compared() -> None:
+    """Neither on which rules there are, nor on their order, nor on other budgets."""
+    problem, prior = FiniteProblem(1.0 - np.eye(2)), uniform_prior(2, 4)
+
+    def rows(names: list[str], budgets: tuple[float, ...]) -> dict[tuple[str, float], str]:
+        settings = ComparisonSettings(budgets=budgets, repeats=(1, 3), draws=20)
+        made = makers_of(names, Setting.of(problem, prior, None))
+        found = compare(problem, prior, settings, makers=made, rng=np.random.default_rng(3))
+        return {(row.maker, row.budget): repr(vars(row)) for row in found.rows}
+
+    alone = rows(["coin"], (0.5,))
+    for names, budgets in ((["ODM", "CDM", "coin"], (0.5,)), (["coin", "CDM"], (0.2, 0.5))):
+        found = rows(names, budgets)
+        assert len(found) > len(alone)
+        assert {key: found[key] for key in alone} == alone

@@ -112,9 +112,7 @@ def test_the_comparison_is_the_librarys_own(tmp_path: Path) -> None:
     study = comparison_study(settings, makers, market="paper", resolution=2, seed=7)
     told: list[str] = []
     with short_simulations():
-        direct = compare(
-            market.problem, market.chain, settings, makers=makers_of(makers), rng=np.random.default_rng([7, 1])
-        )
+        direct = compare(market.problem, market.chain, settings, makers=makers_of(makers), rng=np.random.default_rng(7))
         found, note = compared(study, tmp_path, jobs=1, say=told.append, progress=lambda done, total: None)
     assert found.frame().equals(direct.frame())
     assert found.summary() == direct.summary()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, cast
 
 import numpy as np
 import pandas as pd
@@ -348,7 +348,7 @@ def compare(
         makers: Functions (setting, regret) -> `experiments.setting.Behaviour` by name; None: all of `COMPARED` (rules with a
             memory need a chain).
         candidates: Candidate decisions; None: a grid of about as many decoys as the prior has beliefs.
-        rng: Source of the sampled sequences of repeated decisions.
+        rng: Source of the sampled sequences of repeated decisions, the same for every row.
         progress: Called with (rows done, rows in all).
 
     Returns:
@@ -373,10 +373,12 @@ def compare(
     setting = Setting.of(problem, prior, candidates)
     known = makers_of(COMPARED, setting) if makers is None else checked_makers(makers)
     tasks = ComparisonTasks(setting, ComparisonSettings() if settings is None else settings, known)
-    rows = []
+    rows, seed = [], cast(np.random.SeedSequence, source.spawn(1)[0].bit_generator.seed_seq)
     with threadpool_limits(limits=1):  # many small products: threads would slow them down and change last digits
         for done, (name, budget) in enumerate(tasks.pairs):
-            row = tasks.row(name, budget, rng=source.spawn(1)[0])
+            # One seed for all rows: none depends on which others there are.
+            same = np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key)
+            row = tasks.row(name, budget, rng=np.random.default_rng(same))
             if row is not None:
                 rows.append(row)
             if progress is not None:

@@ -68,8 +68,8 @@ def compared_pairs(plan: ComparisonFile, data_hash: str | None = None) -> Listed
     kept |= {} if plan.disclosure == EXACT else {"disclosure": plan.disclosure}
     kept |= {} if plan.limits.is_empty else {"limits": plan.limits.model_dump(mode="json", exclude_none=True)}
     kept |= {} if plan.rival is None else {"rival": plan.rival.model_dump(mode="json", exclude_none=True)}
-    seed = [plan.seed, len(plan.budgets)]
-    return Listed(len(pairs), lambda k: {"decision_maker": pairs[k][0], "budget": pairs[k][1], **kept}, seed)
+    named = [{"decision_maker": name, "budget": budget, **kept} for name, budget in pairs]
+    return Listed(len(pairs), named.__getitem__, plan.seed, is_shared=True)
 
 
 class ComparisonRunner(TaskRunner):

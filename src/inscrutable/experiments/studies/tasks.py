@@ -88,12 +88,14 @@ class Listed:
         named: Returns the parameters of a task, by its number.
         entropy: The entropy of the seed whose children the tasks' seeds are.
         first: The number of the child that is the first task's seed.
+        is_shared: Whether all tasks have that seed, so that none depends on which others there are.
     """
 
     count: int
     named: Callable[[int], dict[str, Any]]
     entropy: int | Sequence[int]
     first: int = 0
+    is_shared: bool = False
 
     def __len__(self) -> int:
         return self.count
@@ -104,7 +106,8 @@ class Listed:
 
     def task_seed(self, task: Task) -> np.random.SeedSequence:
         """Return the child seed of a task."""
-        return np.random.SeedSequence(self.entropy, spawn_key=(self.first + task.number,))
+        number = 0 if self.is_shared else task.number
+        return np.random.SeedSequence(self.entropy, spawn_key=(self.first + number,))
 
 
 class Work(NamedTuple):

@@ -30,6 +30,12 @@ def _fixed_targets(n_states: int) -> Array:
     return simplex_grid(n_states, resolution_for(n_states, _TARGETS))
 
 
+def reach_in_simplex(beliefs: Array, directions: Array) -> Array:
+    """Return how far beliefs (n,X) or (X,) may move in directions (n,X) before a probability is zero, shape (n,)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(directions < 0, beliefs / -directions, np.inf).min(axis=1))
+
+
 class Rays(NamedTuple):
     """Decoys at the most private affordable points of rays, their decisions, and sign × distance to the reference."""
 
@@ -47,8 +53,7 @@ def farthest_decoys(goal: Goal) -> Rays:
 def best_on_rays(goal: Goal, directions: Array, accuracy: float = tolerances.BUDGET_SAFETY) -> Rays:
     """Return the best affordable point of each ray π + t d, for directions (n,X) that keep the sum."""
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    with np.errstate(divide="ignore", invalid="ignore"):  # until a probability is zero
-        reach = np.where(directions < 0, goal.belief / -directions, np.inf).min(axis=1)
+    reach = reach_in_simplex(goal.belief, directions)
     point, sign = goal.reference
     if sign < 0:
         reach = np.clip(directions @ (point - goal.belief), 0.0, reach)

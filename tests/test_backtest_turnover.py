@@ -99,6 +99,7 @@ def test_an_observer_reads_it_with_the_model_that_is_kept(found: Backtest, tmp_p
         np.testing.assert_allclose(row, seen.bounds(), atol=1e-9)
     assert found.aware is None
     assert "no aware observer is modelled" in text_of(found)
+    assert text_of(found).count("No rule is judged: under a limit on turnover") == 1
 
 
 @pytest.mark.usefixtures("undrawn")

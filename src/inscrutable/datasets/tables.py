@@ -449,7 +449,7 @@ def _check_fractions(table: TextTable, values: NDArray[np.float64]) -> None:
     large = int(np.count_nonzero(np.abs(values) > 1.0))
     if 2 * large > values.size:
         raise InputError(
-            f"{table.path}: {large} of {values.size} returns exceed 1 in size, for one "
+            f"{table.path}: {large} of {values.size} returns exceed 1 in size, such as "
             f"{_first(table, np.abs(values) > 1.0, values)}. These look like percentages or prices; expected fractions, "
             "0.01 for one per cent: divide percentages by 100; prices are read by `backtest --prices` and "
             "read_returns(…, prices=True)"

@@ -200,7 +200,7 @@ def attack_weights(
     if model.turnover is not None and digits is not None:
         raise InputError(
             f"the model limits turnover against the weights before, and these are rounded to {decimal_places(digits)}: a limit "
-            "is read from weights in full precision alone; leave the limit out"
+            "is read from weights in full precision alone; give these, or take the key turnover out of the model's file"
         )
     rows: list[RowReading] = []
     for step, row in enumerate(published):

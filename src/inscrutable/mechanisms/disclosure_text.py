@@ -20,7 +20,9 @@ def parsed_calls(text: str) -> list[Call]:
     try:
         return _calls(ast.parse(text.strip(), mode="eval").body)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise InputError(f'a disclosure is written as "every(3)|delayed(2)", got {text!r}') from None
+        raise InputError(
+            f'a disclosure is written as "every(3)|delayed(2)|rounded(1)" or "form_13f()", with brackets, got {text!r}'
+        ) from None
 
 
 def _calls(node: ast.expr) -> list[Call]:

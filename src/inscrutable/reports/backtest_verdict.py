@@ -187,7 +187,7 @@ def verdict(result: Backtest) -> list[str]:
     odm, *hiding = result.names
     own = figures[odm]
     first, nothing = answer(result), nothing_to_hide(result)
-    lines = list(filter(None, [first, _holds(result), _silence(result)]))
+    lines = list(filter(None, [first or _unjudged(result), _holds(result), _silence(result)]))
     lines.append(
         f"Without protection: from the {FULL_NAMES['ODM']} weights, an observer names the investor's likeliest regime in "
         f"{_share(own['share_regime_named'])} of {len(result.beliefs)} {word}s; always naming the commonest is right in "
@@ -197,7 +197,7 @@ def verdict(result: Backtest) -> list[str]:
         return lines
     if result.aware is None:
         named = listed([f"{_share(figures[name]['share_regime_named'])} ({full_name(name)})" for name in hiding])
-        lines.append(f"Read by the naive observer from altered weights: {named}.")
+        lines.append(f"The naive observer names it from altered weights in {named}.")
         if SEQUENTIAL in hiding and not np.isnan(figures[SEQUENTIAL]["error_followed"]):
             share, error = (figures[SEQUENTIAL][key] for key in ("share_regime_named_followed", "error_followed"))
             lines.append(
@@ -458,6 +458,16 @@ def _few_others(result: Backtest) -> str:
         return ""
     return (
         f"in only {cases - round(rate * cases)} of {cases} {word}s the likeliest regime is another than the commonest"
+    )
+
+
+def _unjudged(result: Backtest) -> str:
+    """Return that no rule is judged under a limit on turnover; else nothing."""
+    if result.settings.turnover is None or len(result.names) < 2:
+        return ""
+    return (
+        "No rule is judged: under a limit on turnover the aware observer is modelled for the sequential rule alone, and the "
+        "naive observer's errors tell nothing about it."
     )
 
 

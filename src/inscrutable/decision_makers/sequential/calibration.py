@@ -112,7 +112,7 @@ def calibrated(
 
 
 def _check_turnover(market: _Market) -> None:
-    """Raise `SolverError` where every belief's cheapest decision within the limit on turnover costs more than the budget."""
+    """Raise `SolverError` where the cheapest decision within reach of the last one costs more than the budget."""
     table, chain = market.table, market.law.chain
     moves = np.cumsum(sparse.csr_array(chain.transition).toarray(), axis=1)
     spent = np.empty(market.draws.shape)
@@ -126,8 +126,9 @@ def _check_turnover(market: _Market) -> None:
     batches = spent.reshape(-1, _BATCH).mean(axis=1)
     if batches.mean() - 3.0 * batches.std() / np.sqrt(len(batches)) > market.limit:
         raise SolverError(
-            f"a turnover of {table.turnover:g} alone costs a mean regret of {batches.mean():.3g}, and the budget is "
-            f"{market.limit:.3g}: take a larger turnover or budget, or leave the sequential rule out (--no-sequential)"
+            f"no rule was found that keeps the budget, a mean regret of {market.limit:.3g}: the cheapest decision within a "
+            f"turnover of {table.turnover:g} of the last one costs {batches.mean():.3g} on average, by simulation. Take a "
+            "larger budget or turnover, or do without the sequential rule (in a backtest: --no-sequential)"
         )
 
 

@@ -353,7 +353,10 @@ class DecisionSequence(Summarised, KeptInFile):
         try:
             problem_of(self._table, self._law, self._maker.limit).check(found.problem)
         except InputError as error:
-            raise InputError(f"{path} cannot be continued: {error}") from None
+            raise InputError(
+                f"{path} cannot be continued: {error}. Go on as it was begun (budgets and limits may be left out), or begin "
+                "another sequence in another file: the observer remembers this one all the same"
+            ) from None
         return found
 
     def summary(self) -> str:

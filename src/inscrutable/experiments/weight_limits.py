@@ -73,7 +73,8 @@ class LimitsPart(Section):
         if (self.sectors is None) != (self.sector_cap is None):
             one, other = ("sectors", "sector_cap") if self.sector_cap is None else ("sector_cap", "sectors")
             raise InputError(
-                f"{one} and {other} go together: which assets a sector has, and how much of it may be held"
+                f"{one} and {other} go together: which assets a sector has (--sectors FILE, columns asset and sector), and how "
+                "much of it may be held (--sector-cap)"
             )
         if self.sectors is not None and self.sector_cap is not None:
             known = self.resolved(assets, folder).sectors

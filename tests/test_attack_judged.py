@@ -186,6 +186,17 @@ def test_rows_of_another_rule_are_not_judged_by_this_one() -> None:
     assert "cannot be judged, as it errs" in judge_attack(attack, held, replace(over_time, n_off=6)).summary()
 
 
+def test_where_one_regime_is_always_the_likeliest_the_error_alone_decides() -> None:
+    held, weights = record(6)
+    held.iloc[:] = np.linspace([0.8, 0.15, 0.05], [0.5, 0.2, 0.3], 6)
+    weights.iloc[:] = CounterAdversarialDecisionMaker(MODEL.problem, 0.5).decide_many(held.to_numpy()).action
+    judged = judge_attack(attack_weights(MODEL, weights), held)
+    assert judged.observers[0].asked is not None
+    assert judged.observers[0].asked.chance == 1.0
+    assert judged.observers[0].is_hidden
+    assert "One regime is the likeliest in all 6 rows, so naming it tests nothing" in judged.summary()
+
+
 def test_rounded_rows_are_those_that_the_rule_plays() -> None:
     """Four of the twenty are weights for beliefs that the filter does not reach, however they are rounded."""
     _, weights = record(20)

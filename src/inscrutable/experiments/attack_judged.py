@@ -86,6 +86,9 @@ class JudgedObserver(NamedTuple):
             without = "" if self.asked is None else f"; without weights the error is {self.asked.error_without:.3f}"
             return f"Error of {self.reached.name}: {self.reached.error:.3f}{without}."
         verdict = f"Hidden from {self.reached.name}: {'yes' if self.is_hidden else 'no'} ({self.asked.compare(self.reached)})."
+        if self.is_hidden and self.asked.chance == 1.0:
+            alone = f"One regime is the likeliest in all {self.n_read} rows, so naming it tests nothing"
+            return f"{verdict} {alone}: the error alone decides."
         told = self.ranking.told(regimes, "row") if self.is_hidden and self.ranking else ""
         return f"{verdict[:-1]}, but {told}" if told else verdict
 

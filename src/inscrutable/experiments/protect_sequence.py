@@ -132,7 +132,7 @@ class ProtectedStep:
         held = table.filter(like="weight: ").to_numpy()
         return pd.DataFrame(
             {
-                "probability, %": [f"{100.0 * share:.2f}" for share in table["probability"]],
+                "probability, %": [_percent(share) for share in table["probability"]],
                 "regret, bp": [f"{BASIS_POINTS * regret:.3g}" for regret in table["regret"]],
                 "weights, %": [self.holdings(row) for row in held],
             },
@@ -214,6 +214,12 @@ class ProtectedStep:
 
     def _named(self, belief: Array) -> str:
         return ", ".join(f"{name} {share:.2f}" for name, share in zip(self.model.regimes, belief, strict=True))
+
+
+def _percent(share: float) -> str:
+    """Return a positive share in percent; a small one does not look like none."""
+    text = f"{100.0 * share:.2f}"
+    return "<0.01" if text == "0.00" else text
 
 
 def _counted(count: int) -> str:

@@ -130,7 +130,7 @@ def test_what_was_recorded_last_is_shown_again(small, tmp_path: Path) -> None:
 
 
 def test_the_belief_of_the_next_step_comes_from_the_returns_so_far(
-    small, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small, tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:
     model, file, state, _ = small
     rows = TWO_MONTHS
@@ -161,6 +161,10 @@ def test_the_belief_of_the_next_step_comes_from_the_returns_so_far(
     for command in ([*call[:-2], "--returns"], once[:4]):
         assert main([*command, str(tmp_path / "one.csv")]) == 0
         assert "Caution: these returns are too few" in capsys.readouterr().out
+    assert not caplog.text
+    (0.4 * np.sign(rows)).to_csv(tmp_path / "percent.csv")
+    assert main([*once[:4], str(tmp_path / "percent.csv")]) == 0
+    assert "if they are percentages, divide them by 100" in caplog.text
     more = replace(model, reads="pmi").save(tmp_path / "more.json")
     assert InvestorModel.load(more).reads == "pmi"
     assert main(["protect", "--model", str(more), "--returns", str(tmp_path / "returns.csv"), "-q"]) == 0

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inscrutable.cli_console import SEED_KNOWN, Speech, results, show_table
-from inscrutable.cli_values import UsageError, belief_of, budget_of
+from inscrutable.cli_values import UsageError, belief_of, budget_of, history_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -44,9 +44,7 @@ twelve."""
 
 def belief_after(path: Path, investor: InvestorModel, speech: Speech) -> tuple[Array, DataFrame, list[str]]:
     """Return the belief about the next row after the returns of a file, these, and cautions; say the first two."""
-    from inscrutable.datasets import read_returns
-
-    table = read_returns(path)
+    table = history_of(path, least=1)
     found = investor.belief_after(table)
     named = ", ".join(f"{name} {share:.3f}" for name, share in zip(investor.regimes, found, strict=True))
     speech.log(f"Belief after {len(table)} rows of {path}, to {table.index[-1]:%Y-%m-%d}: {named}")

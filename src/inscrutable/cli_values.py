@@ -263,14 +263,14 @@ def writable_folder(path: Path, verb: str) -> Path:
     return folder
 
 
-def history_of(path: Path, *, prices: bool = False) -> pd.DataFrame:
-    """Return the returns of a file, or of one of prices; what looks wrong in them is logged."""
+def history_of(path: Path, *, prices: bool = False, least: int = 2) -> pd.DataFrame:
+    """Return the returns of a file, or of one of prices, of at least that many rows; what looks wrong in them is logged."""
     from inscrutable.datasets import read_returns
     from inscrutable.experiments.backtest_inputs import suspicious_returns
 
     returns = read_returns(path, prices=prices)
-    if len(returns) < 2:
-        raise InputError(f"{path}: {len(returns)} rows of returns, expected at least 2")
-    for each in suspicious_returns(returns):
+    if len(returns) < least:
+        raise InputError(f"{path}: {len(returns)} rows of returns, expected at least {least}")
+    for each in suspicious_returns(returns) if len(returns) > 1 else ():
         _LOGGER.warning("%s: suspicious returns: %s", path, each)
     return returns

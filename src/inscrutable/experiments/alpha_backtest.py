@@ -87,6 +87,7 @@ class AlphaBacktest:
             "ceiling": maker.ceiling,
             "objective": maker.objective,
             "status": maker.status.value,
+            "cautions": [*filter(None, [self.caution()])],
             "realised": realised
             if realised is None
             else dict(zip(("constant", "published", "optimal"), realised, strict=True)),

@@ -50,8 +50,8 @@ class AttackOverTime:
         rule: The rule that the observer assumes.
         inferred: The observer's law of the belief after each row, and how each row was read.
         prior_error: √E‖π − E π‖², its error without weights, in the long run of the model.
-        n_off: Number of rows that the rule does not play: those farther from its nearest decision than that one's neighbours
-            are; for the sequential rule all that it does not play, rounding allowed for.
+        n_off: Number of rows that the rule does not play, rounding allowed for: those farther from its nearest decision than
+            that one's neighbours are; for the sequential rule all that it does not play.
         budget: The rule's budget that the observer assumes, in words; empty where the rule has none.
     """
 
@@ -121,10 +121,9 @@ def _other_steps(index: pd.Index, step: str) -> list[str]:
     if not isinstance(index, pd.DatetimeIndex) or len(index) < 2:
         return []
     found = frequency_of(index)
-    word = {"day": "trading day"}.get(found.word, found.word)  # a few days need not hold a weekend
-    if word == step:
+    if found.step == step:
         return []
-    told = f"every {365.25 / found.per_year:.3g} days" if word == "period" else f"once a {word}"
+    told = f"every {365.25 / found.per_year:.3g} days" if found.word == "period" else f"once a {found.step}"
     return [f"Caution: rows come {told}, the steps of the model once a {step}; each row counts as one step."]
 
 

@@ -309,8 +309,8 @@ def step_of(index: pd.Index) -> str:
 
     if not isinstance(index, pd.DatetimeIndex) or len(index) < _FEW_DATES:
         return ""
-    found = frequency_of(index).word
-    return {_OTHER: "", "day": "trading day"}.get(found, found)  # a few days need not hold a weekend
+    found = frequency_of(index).step
+    return "" if found == _OTHER else found
 
 
 _FEW_DATES, _OTHER = 4, "period"

@@ -32,6 +32,11 @@ class Frequency(NamedTuple):
     per_year: float
     word: str
 
+    @property
+    def step(self) -> str:
+        """The word as that of a model's step; a few days need not hold a weekend."""
+        return "trading day" if self.word == "day" else self.word
+
 
 _KNOWN = (
     (0.9, 4.5, Frequency(252.0, "trading day")),

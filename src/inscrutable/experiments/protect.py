@@ -143,9 +143,8 @@ class Protection:
         said = (
             f"Silence, a constant portfolio, reveals nothing and costs {BASIS_POINTS * silence:.3g} bp a row on average"
         )
-        if (
-            unlimited is not None
-        ):  # a regret within the limit, near weights that are far from optimal, is another figure
+        # A regret within the limit, near weights that are far from optimal, does not compare with it.
+        if unlimited is not None:
             return f"{said}, against the best without the limit on turnover."
         dearer = float(np.mean(self.deterministic.regret)) >= silence > 0.0
         return said + (": not more than these weights." if dearer else ".")

@@ -56,11 +56,11 @@ class ProtectedStep:
         n_beliefs: Beliefs of the grid.
         budget: Long-run mean regret allowed, in the cost's unit.
         silence: The silence regret, that of one constant portfolio, by the law of the belief.
+        prices: The prices of the rule, and the long-run means that were simulated at them.
         n_skipped: Periods since the last decision that had none.
         is_dated: Whether the period of the decision is known.
         revised: The date to which the returns are not those of the last decision, or None.
         decided: The date of the last decision, where the returns have no row after it and the belief is not of this step.
-        prices: The prices of the rule, and the long-run means that were simulated at them.
     """
 
     model: InvestorModel
@@ -82,11 +82,11 @@ class ProtectedStep:
     n_beliefs: int
     budget: float
     silence: float
+    prices: PriceCalibration
     n_skipped: int = 0
     is_dated: bool = False
     revised: str | None = None
     decided: str | None = None
-    prices: PriceCalibration | None = None
 
     def table(self) -> pd.DataFrame:
         """Return one row per portfolio of the lottery, the likeliest first: probability, regret and weights."""
@@ -120,6 +120,7 @@ class ProtectedStep:
             "grid_beliefs": self.n_beliefs,
             "budget": self.budget,
             "silence_regret": self.silence,
+            "prices": self.prices.status.name.lower(),
             "belief_off_grid": self.is_off_grid,
             "counted_as_nearest": self.is_approximate,
             "returns_revised_to": self.revised,
@@ -159,8 +160,7 @@ class ProtectedStep:
             f"The aware observer, who has seen {_counted(self.n_published - (self.published is not None))}, believes "
             f"{self._named(self.before)}.",
         ]
-        if self.prices is not None and self.prices.caution():
-            lines.append(self.prices.caution())
+        lines += filter(None, [self.prices.caution()])
         if self.n_skipped:
             lines.append(f"Periods before this one without a decision: {self.n_skipped}. The observer's law moved on.")
         if self.decided is not None:
@@ -403,5 +403,5 @@ def _step(
         model, belief, lottery, before.mean, after, expected, published, sequence.latest, is_off_grid, is_approximate,
         sequence.n_published, sequence.total_regret, sequence.total_bits, float(np.sqrt(spread)),
         float(np.sqrt(sequence.calibration.loss)), ceiling, len(prior),
-        maker.limit, silence_regret(model.problem, prior.beliefs, prior.weights), prices=sequence.calibration,
+        maker.limit, silence_regret(model.problem, prior.beliefs, prior.weights), sequence.calibration,
     )  # fmt: skip

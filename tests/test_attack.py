@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from inscrutable.datasets import WeightsTable, read_weights
 from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Attack, Reading, attack_weights
 from inscrutable.experiments.investor_model import InvestorModel
-from inscrutable.problems import MarkowitzProblem, Polyhedron, box, simplex
+from inscrutable.problems import MarkowitzProblem, Polyhedron, box, long_short, simplex
 from inscrutable.reports.attack import attack_lines, attack_summary, attack_table, reading_notes, write_attack
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
 from sizes import instances, some
@@ -258,3 +259,36 @@ def test_the_summary_keeps_every_row(tmp_path: Path) -> None:
 def test_the_model_must_be_one() -> None:
     with pytest.raises(InputError, match="model must be an InvestorModel"):
         attack_weights(market(14, 4).problem, pd.DataFrame())  # type: ignore[arg-type]
+
+
+def test_rows_over_a_limit_on_turnover_are_refused_and_named_and_each_row_limits_the_next() -> None:
+    model = replace(market(3, 4), turnover=0.3)
+    rng = np.random.default_rng(4)
+    rows = [np.full(4, 0.25)]
+    beliefs = rng.dirichlet(np.ones(3), size=5)
+    for belief in beliefs:
+        rows.append(model.problem_after(rows[-1]).solve(belief))
+    months = pd.date_range("2001-01", periods=5, freq="ME")
+    frame = pd.DataFrame(rows[1:], index=months, columns=list(model.assets))
+    found = attack_weights(model, frame, previous=rows[0])
+    assert inside(found, beliefs, 1e-6).all()
+    assert not found.cautions()
+
+    far = frame.copy()
+    far.iloc[2] = np.eye(4)[int(frame.iloc[1].argmin())]
+    with pytest.raises(InputError, match=r"row 2 \(2001-03-31\) misses 'turnover <= 0.3' by 1"):
+        attack_weights(model, far, previous=rows[0])
+    with pytest.raises(InputError, match="weights must be in the order of time"):
+        attack_weights(model, frame[::-1], previous=rows[0])
+    few = attack_weights(model, frame.drop(months[1]) * 0 + 0.25, previous=rows[0])
+    assert "their dates do not" in few.cautions()[0]
+
+
+def test_a_limit_on_sums_of_magnitudes_that_is_missed_a_little_is_said_and_by_much_refused() -> None:
+    model = market(5, 3, region=long_short(3, gross=1.4))
+    within = pd.DataFrame([[0.7, 0.5, -0.2]], columns=list(model.assets))
+    assert not attack_weights(model, within).cautions()
+    little = attack_weights(model, within.add([0.001, 0.001, -0.002])).cautions()
+    assert "1 of 1 rows miss the sum of the weights, or a limit, by up to 0.004" in little[0]
+    with pytest.raises(InputError, match="gross"):
+        attack_weights(model, within.add([0.1, 0.1, -0.2]))

@@ -212,6 +212,17 @@ class TestLabels:
             assert np.array_equal(table.to_numpy(), array)
         assert result.log_likelihood == plain.log_likelihood
 
+    def test_labels_that_are_numbers_are_labels_where_assets_are_known_by_such(self) -> None:
+        rows = self.frame.to_numpy()[:, [1, 0, 0]]
+        emission = GaussianEmission([[0.0, 0.0, 0.0], [1.0, 2.0, 2.5]], [np.eye(3), np.eye(3)], asset_names=[2, 0, 1])
+        world = HiddenMarkovModel(self.world.transition, emission)
+        given = filter_beliefs(world, rows).beliefs
+        frame = pd.DataFrame(rows, columns=[2, 0, 1])
+        assert np.array_equal(filter_beliefs(world, frame[[0, 1, 2]]).beliefs, given)
+        five = GaussianEmission(emission.means, emission.covariances, asset_names=[2, 0, 5])
+        with pytest.raises(InputError, match="missing: 5; not expected: 1"):
+            filter_beliefs(HiddenMarkovModel(self.world.transition, five), frame[[0, 1, 2]])
+
     def test_a_labelled_row_is_aligned(self) -> None:
         agent = BeliefFilter(self.world)
         expected = filter_beliefs(self.world, self.frame).beliefs

@@ -20,7 +20,8 @@ class Axis:
 
     Labelled input is put in the order of `names`. Where none are known, an axis that `learns` takes those of the first
     labelled input, and later input is aligned to them; any other axis accepts only labels that number the places: 0, 1, … or
-    "regime 1", "regime 2", …. An array without labels is taken by position.
+    "regime 1", "regime 2", …. An array without labels is taken by position, as are columns 0, 1, … where no name is one of
+    them: a table made of an array has these.
 
     Args:
         what: What a label stands for, in messages.
@@ -58,7 +59,7 @@ class Axis:
                 f"{name} has the {self.what} labels {few(found)}, but their order is not known: build the object from "
                 "labelled tables, or give the numbers alone (to_numpy()) in its order"
             )
-        if found == tuple(range(len(names))):
+        if found == tuple(range(len(names))) and not set(found) & set(names):
             return None
         if place.keys() != set(names):
             missing = [label for label in names if label not in place]

@@ -441,7 +441,6 @@ def protect(
     from inscrutable.experiments.silence import budget_in
     from inscrutable.reports.protect import protect_summary, write_protect
 
-    rng = _rng_of(seed)
     investor = investor_of(model, limits.part())
     limit = None if asked is None else budget_in(investor.world, investor.problem, asked)
     planned = None if weights is None else weights_of(weights, investor, normalise, map_)
@@ -456,7 +455,8 @@ def protect(
     with speech.progress("Steps") as move:
         if planned is not None:
             held = attack_weights(investor, planned, progress=part_of(move, 0, experiment.PARTS + 1))
-        found = experiment.protect(investor, held, limit, chosen, certify=certify, rng=rng, progress=move)
+            cautions += held.cautions()
+        found = experiment.protect(investor, held, limit, chosen, certify=certify, rng=_rng_of(seed), progress=move)
     files = [] if folder is None else replaced(folder, "protect", partial(write_protect, found), speech)
     if speech.json:
         speech.summary(protect_summary(found) | {"cautions": cautions})

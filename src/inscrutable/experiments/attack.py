@@ -17,7 +17,7 @@ from inscrutable.adversaries import near_optimal_beliefs
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.adversaries.plausibility import nearest_explanation
 from inscrutable.adversaries.rounded import allowance, completed, half_unit
-from inscrutable.datasets import WeightsTable
+from inscrutable.datasets import WeightsTable, missing_steps
 from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, decimal_places
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
@@ -91,15 +91,18 @@ class Attack:
     missed: Array | None = None
 
     def cautions(self) -> list[str]:
-        """Return what may be wrong with the weights: rows that were moved onto their sum or a limit."""
+        """Return what may be wrong with the weights: rows that were moved onto their sum or a limit, or that are missing where
+        each limits the next."""
+        found = [] if self.model.turnover is None else missing_rows(self.index)
         if self.missed is None or not self.missed.any():
-            return []
+            return found
         written = "in full precision" if self.decimals is None else f"rounded to {decimal_places(self.decimals)}"
-        return [
+        moved = (
             f"Caution: {int((self.missed > 0.0).sum())} of {len(self)} rows miss the sum of the weights, or a limit, by up to "
             f"{self.missed.max():.2g} more than weights {written} can. They are moved onto it, which the beliefs do not allow "
             "for: --normalise scales rows to the sum 1, --digits states another rounding."
-        ]
+        )
+        return [moved, *found]
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -143,6 +146,12 @@ class Attack:
         return "; ".join(parts)
 
 
+def missing_rows(index: pd.Index) -> list[str]:
+    """Return a caution if dates miss steps, where rows are taken to follow one another; otherwise none."""
+    missing = missing_steps(list(index)) if isinstance(index, pd.DatetimeIndex) else ""
+    return [f"Caution: rows follow one another as single steps, but their dates do not: {missing}."] if missing else []
+
+
 def attack_weights(
     model: InvestorModel,
     weights: WeightsTable | pd.DataFrame,
@@ -165,7 +174,7 @@ def attack_weights(
         regret: The regret allowed, at least 0, in the cost's unit, a return per row: 0.0005 for 5 basis points. Above 0 the
             sets are near-optimal.
         previous: The weights published before the first row, labelled or in the model's order, where the model limits turnover;
-            each row is then the previous one of the next row. None: no limit on the first row.
+            each row of `weights` then limits the next. None: no limit on the first row.
         progress: Called with (rows done, rows in all).
 
     Returns:
@@ -174,7 +183,7 @@ def attack_weights(
     Raises:
         InputError: Columns are not the model's assets, a cell is not finite, there is no row, or a row violates a
             constraint by more than `tolerances.PUBLISHED_SUM` and more than U half units of its last digit; the model limits
-            turnover, and weights are rounded.
+            turnover, and weights are rounded or their dates go back in time.
 
     Cost: about 0.1 s per rounded row with three regimes, 1 s with five; 1 ms per exact row. Source: the paper, Theorem 1;
     `adversaries.rounded` for rounding.
@@ -195,20 +204,26 @@ def attack_weights(
     if digits is not None:
         digits = validation.count(digits, "decimals", least=0)
     published = _aligned(frame, checked_model(model).assets)
-    missed = _missed(model, published, frame.index, half_unit(FULL_PRECISION_DIGITS if digits is None else digits))
     most = validation.non_negative(regret, "regret")
+    if model.turnover is not None:
+        validation.time_order(frame.index, "weights")
     if model.turnover is not None and digits is not None:
         raise InputError(
             f"the model limits turnover against the weights before, and these are rounded to {decimal_places(digits)}: a limit "
             "is read from weights in full precision alone; give these, or take the key turnover out of the model's file"
         )
+    half = half_unit(FULL_PRECISION_DIGITS if digits is None else digits)
+    befores = (previous, *published[:-1])
+    missed = [
+        _missed(model.problem_after(before), row, half, _row_name(frame.index, step), model.assets)
+        for step, (before, row) in enumerate(zip(befores, published, strict=True))
+    ]
     rows: list[RowReading] = []
-    for step, row in enumerate(published):
-        before = previous if not rows else rows[-1].action
+    for before, row in zip(befores, published, strict=True):
         rows.append(_read_row(model.problem_after(before), row, digits, most))
         if progress is not None:
-            progress(step + 1, len(published))
-    return Attack(model, frame.index, tuple(rows), digits, most, missed)
+            progress(len(rows), len(published))
+    return Attack(model, frame.index, tuple(rows), digits, most, np.array(missed))
 
 
 def _read_row(problem: MarkowitzProblem, published: Array, decimals: int | None, regret: float) -> RowReading:
@@ -288,34 +303,37 @@ def _aligned(frame: Any, assets: tuple[str, ...]) -> Array:
     return np.asarray(values)
 
 
-def _missed(model: InvestorModel, published: Array, index: pd.Index, half_unit: float) -> Array:
-    """Return by how much rows (T,U) miss their sum or a limit beyond what rounding explains: U weights miss a sum by U half
-    units. Raises `InputError` for rows that are no weights of the model at all."""
-    region = model.problem.constraints
+def _missed(problem: MarkowitzProblem, row: Array, half_unit: float, row_name: str, assets: tuple[str, ...]) -> float:
+    """Return by how much a row (U,) misses its sum or a limit beyond what rounding explains: U weights miss a sum by U half
+    units. Raises `InputError` for a row that is no weights of the model at all."""
+    region = rows = problem.constraints
+    scale = np.abs(rows.A_eq).max(axis=1, initial=0.0)
+    over, most = (
+        np.empty(0),
+        list[float](),
+    )  # of limits on sums of magnitudes, and what a unit in every weight adds to each
     if isinstance(region, MagnitudeRegion):
-        region = region.rows  # the nearest feasible weights meet its limits
-    broken = np.maximum(-region.slacks(published), 0.0)
-    scale = np.abs(region.A_eq).max(axis=1, initial=0.0)
-    off = np.abs(published @ region.A_eq.T - region.b_eq) / scale
-    amounts = np.hstack([broken, off])
+        rows, over = region.rows, region.excess(row)
+        most = [(each.weights.sum() + np.abs(each.linear).sum()) / each.weights.max() for each in region.limits]
+    amounts = np.concatenate([-rows.slacks(row), np.abs(rows.A_eq @ row - rows.b_eq) / scale, over])
     sizes = np.concatenate(
-        [np.abs(region.A_ub).sum(axis=1) / region.row_scale, np.abs(region.A_eq).sum(axis=1) / scale]
+        [np.abs(rows.A_ub).sum(axis=1) / rows.row_scale, np.abs(rows.A_eq).sum(axis=1) / scale, most]
     )
     # A sum exactly at the tolerance, 1.005, must not fail for its last bit.
     allowed = np.maximum(tolerances.PUBLISHED_SUM, half_unit * sizes) + tolerances.FEASIBILITY
-    bad = np.argwhere(amounts > allowed)
+    bad = np.flatnonzero(amounts > allowed)
     if bad.size:
-        row, constraint = (int(i) for i in bad[0])
+        constraint = int(bad[0])
         name = region.names[constraint]
         if "u[" in name:
-            for j, asset in enumerate(model.assets):
+            for j, asset in enumerate(assets):
                 name = name.replace(f"u[{j}]", f"weight of {asset}")
         raise InputError(
-            f"weights row {_row_name(index, row)} misses {name!r} by {amounts[row, constraint]:.3g}, "
+            f"weights row {row_name} misses {name!r} by {amounts[constraint]:.3g}, "
             f"expected at most {allowed[constraint]:.3g} from rounding"
             + ("; short holdings need the limit long_short (--long-short)" if name.endswith(">= 0") else "")
         )
-    return np.asarray(np.maximum(amounts - half_unit * sizes - tolerances.FEASIBILITY, 0.0).max(axis=1, initial=0.0))
+    return float(np.maximum(amounts - half_unit * sizes - tolerances.FEASIBILITY, 0.0).max(initial=0.0))
 
 
 def _row_name(index: pd.Index, row: int) -> str:

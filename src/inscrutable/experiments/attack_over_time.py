@@ -16,7 +16,6 @@ from inscrutable.adversaries import SequentialAdversary
 from inscrutable.adversaries.rounded import half_unit
 from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
 from inscrutable.budgets import Budget, as_budget
-from inscrutable.datasets.suspicious import missing_steps
 from inscrutable.decision_makers import (
     CounterAdversarialDecisionMaker,
     OriginalDecisionMaker,
@@ -24,7 +23,7 @@ from inscrutable.decision_makers import (
     SequentialDecisionMaker,
 )
 from inscrutable.errors import InputError
-from inscrutable.experiments.attack import Attack, Reading
+from inscrutable.experiments.attack import Attack, Reading, missing_rows
 from inscrutable.experiments.backtest_aware import doubted, resolution_for
 from inscrutable.experiments.cell_mechanism import N_NEAREST, cell_beliefs, cell_mechanism
 from inscrutable.experiments.investor_model import InvestorModel
@@ -95,12 +94,11 @@ class AttackOverTime:
                 "own filter reaches; the nearest weights that it plays stand for them. Does the investor follow the rule, with "
                 "this budget, by beliefs of this model?"
             )
-        index = self.attack.index
-        missing = missing_steps(list(index)) if isinstance(index, pd.DatetimeIndex) else ""
-        if missing:
-            lines.append(f"Caution: rows follow one another as single steps, but their dates do not: {missing}.")
-        if self.attack.model.step:
-            lines += _other_steps(index, self.attack.model.step)
+        model, index = self.attack.model, self.attack.index
+        lines += (
+            missing_rows(index) if model.turnover is None else []
+        )  # with a limit on turnover, the attack says so itself
+        lines += _other_steps(index, model.step) if model.step else []
         if lost:
             lines.append(
                 f"Caution: {lost} of the {len(found)} rows are explained by no belief of this model, so that this observer's "

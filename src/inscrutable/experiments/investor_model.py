@@ -166,8 +166,9 @@ class InvestorModel:
             raise InputError(
                 f"returns have one row a {word}, the model one a {self.step}: give returns of the model's step"
             )
-        places = Axis("asset", self.assets).order(tuple(returns.columns), "returns")
-        rows = returns if places is None else returns.iloc[:, places]
+        named = returns.set_axis([str(each) for each in returns.columns], axis=1)
+        places = Axis("asset", self.assets).order(tuple(named.columns), "returns")
+        rows = named if places is None else named.iloc[:, places]
         known = isinstance(world.emission, GaussianEmission) and world.emission.asset_names is not None
         return np.asarray(np.asarray(filter_beliefs(world, rows if known else rows.to_numpy()).predicted)[-1])
 

@@ -7,14 +7,14 @@ if at most ten of them can have either sign.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.axes import Axis, Names, axis_labels
+from inscrutable.axes import Axis, Names, axis_labels, few
 from inscrutable.errors import InputError, ModelError
 from inscrutable.problems.constraints import Bounds, Polyhedron
 from inscrutable.problems.magnitudes import limited
@@ -47,7 +47,7 @@ def max_weights(
         ('Oil <= 0.25',)
     """
     names = asset_names(assets)
-    values = _per_asset(limits, names, "limits", np.inf)
+    values = _per_asset(limits, assets, "limits", np.inf)
     return _single_rows(names, values, 1.0, min_slack, _labels(assets))
 
 
@@ -73,7 +73,7 @@ def min_weights(
         ('u[0] >= 0.1',)
     """
     names = asset_names(assets)
-    values = _per_asset(limits, names, "limits", -np.inf)
+    values = _per_asset(limits, assets, "limits", -np.inf)
     return _single_rows(names, values, -1.0, min_slack, _labels(assets))
 
 
@@ -113,7 +113,9 @@ def group_caps(
         raise InputError("caps names no group: give a cap for at least one")
     rows, sides, labels = [], [], []
     for name, cap in limits.items():
-        rows.append(_members(groups[name], names, str(name)))
+        rows.append(
+            np.isin(np.arange(len(names)), _numbers(groups[name], assets, f"group {str(name)!r}")).astype(float)
+        )
         sides.append(float(validation.finite_array(cap, f"cap of group {name!r}", ndim=0, limits=True)))
         labels.append(f"{name} <= {sides[-1]:g}")
     return Polyhedron(rows, sides, names=labels, min_slack=min_slack, asset_names=_labels(assets))
@@ -158,7 +160,7 @@ def long_short(
             f"gross limit {most:g} is below the net {low if low > 0 else high:g} that is asked for: raise the one or "
             "lower the other"
         )
-    chosen = np.arange(len(names)) if shortable is None else _numbers(shortable, names, "shortable")
+    chosen = np.arange(len(names)) if shortable is None else _numbers(shortable, assets, "shortable")
     kept, ones, known = np.setdiff1d(np.arange(len(names)), chosen), np.ones(len(names)), _labels(assets)
     labels = [f"{names[j]} >= 0" for j in kept]
     if exact:
@@ -240,34 +242,36 @@ def _labels(assets: Assets) -> Names | None:
     return None if isinstance(assets, str) or not hasattr(assets, "__iter__") else tuple(assets)
 
 
-def _numbers(members: Sequence[Any], names: tuple[str, ...], what: str) -> np.ndarray:
-    """Return the numbers of assets given by name or number, each once."""
+def _are_numbers(assets: Assets) -> bool:
+    """Return whether a label of an asset is a number, which then is no place."""
+    return any(isinstance(label, (int, np.integer)) for label in _labels(assets) or ())
+
+
+def _numbers(members: Sequence[Any], assets: Assets, what: str) -> np.ndarray:
+    """Return the places of assets given by label, by its text, or by place where no label is a number; each once."""
     if isinstance(members, str):
         raise InputError(f"{what} must be a list of assets, got the text {members!r}")
+    names, by_label = asset_names(assets), _are_numbers(assets)
+    places: dict[Any, int] = {} if by_label else {j: j for j in range(len(names))}
+    places |= {name: j for j, name in enumerate(names)} | {label: j for j, label in enumerate(_labels(assets) or ())}
     found = []
     for member in members:
-        known = isinstance(member, (int, np.integer)) and not isinstance(member, bool) and 0 <= member < len(names)
-        if not known and member not in names:
-            raise InputError(
-                f"{what} has {member!r}, expected one of {', '.join(names[:12])} or a number below {len(names)}"
-            )
-        found.append(int(member) if known else names.index(member))
+        if not isinstance(member, Hashable) or isinstance(member, (bool, float)) or member not in places:
+            number = "" if by_label else f" or a number below {len(names)}"
+            raise InputError(f"{what} has {member!r}, expected one of {few(names, 12)}{number}")
+        found.append(places[member])
     if len(set(found)) < len(found):
         raise InputError(f"{what} has {names[max(found, key=found.count)]} twice")
     return np.array(found, dtype=np.int64)
 
 
-def _members(members: Sequence[Any], names: tuple[str, ...], group: str) -> Array:
-    row = np.zeros(len(names))
-    row[_numbers(members, names, f"group {group!r}")] = 1.0
-    return row
-
-
-def _per_asset(limits: ArrayLike | Mapping[str, float], names: tuple[str, ...], what: str, absent: float) -> Array:
-    if isinstance(limits, Mapping) or axis_labels(limits, 0) is not None:
+def _per_asset(limits: ArrayLike | Mapping[str, float], assets: Assets, what: str, absent: float) -> Array:
+    names = asset_names(assets)
+    is_labelled = axis_labels(limits, 0) is not None or (hasattr(limits, "items") and _are_numbers(assets))
+    if is_labelled or isinstance(limits, Mapping):
         limits = dict(_pairs(limits, what))
         values = np.full(len(names), absent)
-        members = _numbers(list(limits), names, what)
+        members = _numbers(list(limits), assets, what)
         values[members] = validation.finite_array(list(limits.values()), what, ndim=1, limits=True)
     else:
         given = validation.real_array(limits, what)

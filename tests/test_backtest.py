@@ -25,7 +25,7 @@ from inscrutable import (
 from inscrutable.datasets import load_industry_returns, read_beliefs, read_weights
 from inscrutable.decision_makers import privacy_frontier
 from inscrutable.experiments.backtest import RESTARTS, Backtest, BacktestSettings, run_backtest
-from inscrutable.experiments.backtest_aware import resolution_for, rivals_chain
+from inscrutable.experiments.backtest_aware import beliefs_resolution, rivals_chain
 from inscrutable.experiments.cell_mechanism import N_NEAREST, cell_beliefs
 from inscrutable.experiments.episodes import Record, relative_increase
 from inscrutable.experiments.investor_model import InvestorModel
@@ -259,8 +259,8 @@ def test_the_rival_who_knows_the_method_by_loops(found: Backtest) -> None:
         found.problem, found.settings.measure, found.budget, candidates=found.candidates
     )
     rng = np.random.default_rng(np.random.SeedSequence(found.settings.seed).spawn(4)[3])
-    rivals_chain(found.world, resolution_for(2), None, rng=rng)
-    cells = cell_beliefs(prior, found.world, resolution_for(2), rng=rng)
+    rivals_chain(found.world, beliefs_resolution(2), None, rng=rng)
+    cells = cell_beliefs(prior, found.world, beliefs_resolution(2), rng=rng)
     actions = np.concatenate([maker.decide_many(each).action for each in cells])
     shares = np.concatenate([prior.weights] * len(cells)) / len(cells)
     squared = []

@@ -23,7 +23,7 @@ from inscrutable import (
 from inscrutable.adversaries import SequentialAdversary
 from inscrutable.experiments import backtest_aware, backtest_sequential
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
-from inscrutable.experiments.backtest_aware import doubted, resolution_for
+from inscrutable.experiments.backtest_aware import beliefs_resolution, doubted
 from inscrutable.experiments.cell_mechanism import N_NEAREST, cell_beliefs, cell_mechanism
 from inscrutable.experiments.rivals import RIVAL, loss_of
 from inscrutable.geometry.grids import simplex_grid
@@ -121,11 +121,11 @@ def test_the_rival_who_follows_it_holds_the_law_that_it_keeps(found: Backtest) -
 def test_the_rival_who_follows_another_by_loops(found: Backtest) -> None:
     """Bayes' rule with decisions near each one, one step after the other."""
     rng = np.random.default_rng(np.random.SeedSequence(found.settings.seed).spawn(4)[3])
-    chain = doubted(predicted_chain(found.world, resolution_for(2), rng=rng))
+    chain = doubted(predicted_chain(found.world, beliefs_resolution(2), rng=rng))
     maker = CounterAdversarialDecisionMaker(
         found.problem, found.settings.measure, found.budget, candidates=found.candidates
     )
-    known = cell_mechanism(maker, chain.prior, cell_beliefs(chain.prior, found.world, resolution_for(2), rng=rng))
+    known = cell_mechanism(maker, chain.prior, cell_beliefs(chain.prior, found.world, beliefs_resolution(2), rng=rng))
     first, own = np.unique(known.actions.round(10), axis=0, return_inverse=True)
     near, played = np.zeros((len(chain.prior), len(first))), mechanism(maker, chain.prior.beliefs)
     for column, row in zip(own.reshape(-1), known.sparse.toarray().T, strict=True):

@@ -24,7 +24,7 @@ from inscrutable.decision_makers import (
 )
 from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Attack, Reading, missing_rows
-from inscrutable.experiments.backtest_aware import doubted, resolution_for
+from inscrutable.experiments.backtest_aware import beliefs_resolution, doubted
 from inscrutable.experiments.cell_mechanism import N_NEAREST, cell_beliefs, cell_mechanism
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.performance import frequency_of
@@ -231,7 +231,7 @@ def _mechanism(
     if rule in makers:
         world, rng = model.world, np.random.default_rng(_SEED)
         return cell_mechanism(
-            makers[rule](), chain.prior, cell_beliefs(chain.prior, world, resolution_for(world.n_states), rng=rng)
+            makers[rule](), chain.prior, cell_beliefs(chain.prior, world, beliefs_resolution(world.n_states), rng=rng)
         )
     if rule != "sequential":
         raise InputError(f"rule must be one of {', '.join([*makers, 'sequential'])}, got {rule!r}")

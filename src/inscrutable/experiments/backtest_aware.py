@@ -13,7 +13,7 @@ from scipy.special import entr
 from inscrutable.adversaries import BayesianAdversary, SequentialAdversary
 from inscrutable.experiments.cell_mechanism import N_NEAREST, cell_beliefs, cell_mechanism
 from inscrutable.experiments.episodes import Episode
-from inscrutable.geometry.grids import grid_size
+from inscrutable.geometry.grids import largest_resolution
 from inscrutable.mechanisms import Disclosure, Mechanism, Prior, mechanism
 from inscrutable.mechanisms.chains import BeliefChain, predicted_chain
 from inscrutable.mechanisms.played import PlaysMany
@@ -68,12 +68,11 @@ class AwareReading:
     beside_public: Mapping[str, Array] = field(default_factory=dict)
 
 
-def resolution_for(n_states: int, most: int | None = None) -> int:
+def beliefs_resolution(n_states: int, most: int | None = None) -> int:
     """Return the finest resolution whose grid of beliefs is small enough to decide on, or for a given number."""
     if most is None:
         most = _MOST_BELIEFS if n_states <= _WALKED_STATES else _FEWER_BELIEFS
-    fits = (r for r in range(_FINEST, 1, -1) if grid_size(n_states, r) <= most)
-    return next(fits, 1)
+    return min(largest_resolution(n_states, most), _FINEST)
 
 
 def doubted(chain: BeliefChain) -> BeliefChain:
@@ -125,7 +124,7 @@ def read_knowingly(
     if isinstance(measure, DesiredObfuscation) and follows_steps(measure):
         return None
     disclosure, returns, public = beside
-    resolution = resolution_for(world.n_states)
+    resolution = beliefs_resolution(world.n_states)
     reading = rivals_chain(world, resolution, public, rng=rng)
     chain, prior = without_public(reading), reading.prior
     in_cells = cell_beliefs(prior, world if public is None else public.world, resolution, rng=rng)

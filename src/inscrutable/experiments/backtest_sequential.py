@@ -17,7 +17,7 @@ from inscrutable.decision_makers.sequential.path import PathDecisions
 from inscrutable.experiments.backtest_aware import (
     AwareReading,
     PublicSymbols,
-    resolution_for,
+    beliefs_resolution,
     rivals_chain,
     without_public,
 )
@@ -124,7 +124,7 @@ def play_sequentially(
     Raises:
         SolverError: No price was found at which the budget is met.
     """
-    reading = rivals_chain(world, resolution_for(world.n_states, _MOST_BELIEFS), public, rng=rng)
+    reading = rivals_chain(world, beliefs_resolution(world.n_states, _MOST_BELIEFS), public, rng=rng)
     chain, prior = without_public(reading), reading.prior
     problem = investor.problem
     costs = np.asarray(problem.optimal_cost(prior.beliefs))

@@ -16,7 +16,7 @@ from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_ma
 from inscrutable.experiments.own_model import OwnModel, investor_of
 from inscrutable.experiments.random_markets import MarketLaw, random_market
 from inscrutable.experiments.weight_limits import LimitsPart
-from inscrutable.geometry.grids import grid_size, resolution_for
+from inscrutable.geometry.grids import grid_size, largest_resolution
 from inscrutable.mechanisms import Prior, uniform_prior
 from inscrutable.mechanisms.chains import BeliefChain, predicted_chain, resting_chain
 from inscrutable.problems import MarkowitzProblem
@@ -55,8 +55,8 @@ def _few(count: int, resolution: int, n_states: int) -> None:
 
 
 def _fitting(n_states: int) -> int:
-    """A resolution near the largest whose whole grid of beliefs can be compared."""
-    return resolution_for(n_states, int(_MOST_BELIEFS / 1.02))  # the grid may have 2 % more points than asked for
+    """The largest resolution whose whole grid of beliefs can be compared."""
+    return largest_resolution(n_states, _MOST_BELIEFS)
 
 
 def _paper_market(resolution: int, seed: int, limits: LimitsPart) -> ComparedMarket:

@@ -25,7 +25,7 @@ from inscrutable.experiments.makers import MAKERS
 from inscrutable.experiments.random_markets import Market, MarketLaw, random_market
 from inscrutable.experiments.sections import AtLeastTwo, Count, PlanFile, Positive, Rising
 from inscrutable.experiments.setting import Setting, path_prior
-from inscrutable.geometry.grids import grid_size, resolution_for
+from inscrutable.geometry.grids import grid_size, largest_resolution
 from inscrutable.privacy import MaximalObfuscation
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -94,7 +94,7 @@ class ReproductionSettings(PlanFile):
     def _fits(self) -> Self:
         for name, largest in (("resolution", self.resolution), ("sample_resolutions", max(self.sample_resolutions))):
             if grid_size(SIDES, largest) > _MOST_CANDIDATES:
-                fits = resolution_for(SIDES, int(_MOST_CANDIDATES / 1.02))
+                fits = largest_resolution(SIDES, _MOST_CANDIDATES)
                 size = grid_size(SIDES, largest)
                 raise ValueError(
                     f"{name} {largest:,} gives {size:,} candidates, more than fit; expected at most {fits:,}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from inscrutable.budgets import Budget, SilenceShare
-from inscrutable.experiments.backtest_aware import resolution_for
+from inscrutable.experiments.backtest_aware import beliefs_resolution
 from inscrutable.mechanisms.chains import BeliefChain, predicted_chain
 from inscrutable.privacy.leaks import silence_regret
 from inscrutable.problems import DecisionProblem
@@ -17,7 +17,7 @@ _SEED = 0
 
 def chain_of(world: HiddenMarkovModel) -> BeliefChain:
     """Return the chain of the belief about the next row, on a grid; the same at every call. Cost: 1 s for a simulated path."""
-    return predicted_chain(world, resolution_for(world.n_states), rng=np.random.default_rng(_SEED))
+    return predicted_chain(world, beliefs_resolution(world.n_states), rng=np.random.default_rng(_SEED))
 
 
 def silence_in(world: HiddenMarkovModel, problem: DecisionProblem) -> float:

@@ -11,6 +11,8 @@ from inscrutable.validation import Array, count
 
 _MOST_NUMBERS = 2**26
 """Most numbers in a grid, half a gigabyte; a larger grid is an error."""
+_ABOUT = 1.02
+"""Points of a grid of about a number of points, as a share of that: 5,151 over three states for 5,000."""
 
 
 def simplex_grid(n: int, resolution: int) -> Array:
@@ -75,9 +77,12 @@ def _finest(n: int) -> int:
 
 def resolution_for(n: int, points: int) -> int:
     """Return the largest resolution whose grid on the `n`-simplex has at most about `points` points, at least 1."""
-    if n == 1:
-        return 1
+    return largest_resolution(n, int(_ABOUT * points))
+
+
+def largest_resolution(n: int, most: int) -> int:
+    """Return the largest resolution whose grid on the `n`-simplex has at most `most` points, at least 1."""
     resolution = 1
-    while grid_size(n, resolution + 1) <= points * 1.02:
+    while n > 1 and grid_size(n, resolution + 1) <= most:
         resolution += 1
     return resolution

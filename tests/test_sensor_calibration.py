@@ -165,6 +165,23 @@ def test_intervals_hold_the_true_accuracy_as_often_as_they_say() -> None:
     assert 0.90 <= held <= 0.98
 
 
+@pytest.mark.parametrize("actions", [[1, 1, 0, 0, 0, 0, 1], [0, 0, 1, 1, 0, 1, 1]])
+def test_intervals_of_a_likelihood_that_jumps_hold_all_plausible_values(actions: list[int]) -> None:
+    """Who plays the likelier state changes its decisions with the sensor: the curvature gave intervals of width 0 to .01."""
+
+    def likelier(world: HiddenMarkovModel) -> Mechanism:
+        return on(reachable_beliefs(world, 7), lambda beliefs: np.eye(2)[(beliefs[:, 0] < 0.5).astype(int)])
+
+    states = [1, 1, 1, 0, 0, 0, 0] if actions[0] else [0, 0, 0, 0, 0, 1, 1]
+    found = calibrate_sensor(actions, states, likelier, ACCURACY, world=WORLD)
+    plausible = found.grid[0][found.log_likelihoods[0] >= found.log_likelihood - 1.92]
+    low, high = found.intervals[0]
+    assert low <= plausible.min() < plausible.max() <= high
+    assert high - low < 0.4
+    assert found.status is LikelihoodStatus.SEVERAL
+    assert np.isnan(found.information).all()
+
+
 @pytest.mark.usefixtures("few_values")
 def test_two_parameters_have_a_profile_each() -> None:
     rng = np.random.default_rng(3)
@@ -262,6 +279,7 @@ def test_what_decisions_do_not_tell_is_said() -> None:
 
 
 def test_malformed_input_is_named() -> None:
+    seen = HiddenMarkovModel(TRANSITION, WORLD.emission, public=WORLD.emission)
     for call, kind, said in [
         (lambda: calibrate_sensor([0, 1], [0, 2], on(GRID), ACCURACY, world=WORLD), InputError, "states"),
         (lambda: calibrate_sensor([0, 1], [0], on(GRID), ACCURACY, world=WORLD), InputError, "states"),
@@ -270,6 +288,7 @@ def test_malformed_input_is_named() -> None:
         (lambda: calibrate_sensor([0], [0], on(GRID), lambda p: p, world=WORLD), InputError, "Emission"),
         (lambda: calibrate_sensor([0], [0], "ODM", ACCURACY, world=WORLD), InputError, "mechanism"),
         (lambda: calibrate_sensor([0], [0], on(GRID), ACCURACY, world=None), InputError, "world"),
+        (lambda: calibrate_sensor([0], [0], on(GRID), ACCURACY, world=seen), InputError, "without a public sensor"),
         (lambda: SensorFamily(lambda p: p, [[1.0, 0.0]], ["p"]), InputError, "bounds"),
         (lambda: best_probe([], on(GRID), ACCURACY, world=WORLD, parameters=[0.8]), InputError, "probes"),
         (lambda: best_probe([[0]], on(GRID), ACCURACY, world=WORLD, parameters=[0.2]), InputError, "parameters"),

@@ -36,7 +36,7 @@ class CalibratedSensor(Summarised, Saved):
     """The parameters of a sensor by maximum likelihood, with the profile of the likelihood.
 
     Formula: θ̂ = argmax_θ log Pr_θ(u_0..u_{T−1} | x_0..x_{T−1}); intervals θ̂_k ± 1.96 √(H⁻¹)_kk with H the negative second
-    derivative; profile_k(v) = max over the other parameters with θ_k = v.
+    derivative, widened to all v with profile_k(v) ≥ log Pr_θ̂ − 1.92; profile_k(v) = max over the other parameters with θ_k = v.
 
     Args:
         parameters: θ̂, shape (K,).
@@ -46,7 +46,8 @@ class CalibratedSensor(Summarised, Saved):
         status: Whether the decisions determine the parameters.
         grid: Values of each parameter in ascending order, shape (K,G), with θ̂.
         names: Names of the parameters.
-        information: H, shape (K,K).
+        information: H, shape (K,K); NaN for a parameter whose profile contradicts the curvature, as where the likelihood
+            jumps.
 
     Source: Krishnamurthy, Rangaswamy, How to Calibrate Your Adversary's Capabilities? Inverse Filtering for Counter-Autonomous
     Systems, arXiv 1905.07230.

@@ -247,6 +247,30 @@ def test_symbols_that_never_came_up_are_said_to_be_missing() -> None:
     assert (found.intervals[:, 3, 1] > 0.1).all()
 
 
+@pytest.mark.parametrize("n_bootstrap", [0, 20])
+def test_symbols_with_the_same_effect_may_share_a_column_in_any_way(n_bootstrap: int) -> None:
+    """Two of three columns are proportional, so that no belief tells them apart; they were counted as one, for certain."""
+    transition, sensor = np.array([[0.8, 0.2], [0.3, 0.7]]), np.array([[0.4, 0.4, 0.2], [0.1, 0.1, 0.8]])
+    beliefs, symbols = path(transition, sensor, 300, np.random.default_rng(2))
+    draws = {"n_bootstrap": n_bootstrap, "rng": np.random.default_rng(0)}
+    alone = estimate_sensor(beliefs, transition, n_symbols=3, **draws)
+    world = estimate_world(beliefs, n_symbols=3, **draws)
+    for found, table, limits in (
+        (alone, alone.probabilities, alone.intervals),
+        (world, world.world.emission.probabilities, world.sensor_intervals),  # type: ignore[attr-defined]
+    ):
+        split = int(table[0].argmax())  # the column of both symbols; either is half of it
+        order = [2, 2, 2]
+        order[split], order[2] = 0, 1
+        true = sensor[:, order]
+        assert (limits[..., 0] <= true + 1e-9).all()
+        assert (true <= limits[..., 1] + 1e-9).all()
+        assert found.status is SensorStatus.TOO_FEW_SYMBOLS
+        assert "several symbols have the same effect" in found.status.value
+    told = estimate_world(beliefs, n_symbols=3, symbols=symbols)
+    assert (told.sensor_intervals[..., 0] > 0.05).all()
+
+
 def test_zeros_of_the_sensor_are_found_and_beliefs_that_stand_still_say_nothing() -> None:
     transition = np.array([[0.8, 0.2, 0.0], [0.0, 0.7, 0.3], [0.3, 0.0, 0.7]])
     sensor = np.array([[0.7, 0.3, 0.0], [0.0, 0.7, 0.3], [0.1, 0.25, 0.65]])

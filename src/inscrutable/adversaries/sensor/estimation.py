@@ -37,7 +37,8 @@ def estimate_sensor(
         transition: P of the agent's filter, shape (X,X); each row sums to one.
         n_symbols: Y, at least 1; None: the number of distinct columns found. A symbol that was never observed is then not
             detected where as many columns are found as there are states: rows can then always be scaled to sum to one.
-        n_bootstrap: Number of bootstrap resamples of the steps for the intervals; 0: intervals from the curvature of the fit.
+        n_bootstrap: Number of bootstrap resamples of the steps for the intervals; 0, or where fewer than `n_symbols` symbols
+            are told apart: intervals from the curvature of the fit.
         rng: Source of the resamples, required if `n_bootstrap` is positive.
 
     Returns:
@@ -74,5 +75,6 @@ def estimate_sensor(
         return nothing_known(len(chain), wanted or 1, symbols, SensorStatus.ZEROS)
     fit = fitted(steps, wanted)
     symbols[steps.numbers] = fit.groups.symbols
-    intervals = fit.intervals if source is None else bootstrapped(steps, fit, draws, source)
+    is_short = wanted is not None and fit.n_unseen > 0
+    intervals = fit.intervals if source is None or is_short else bootstrapped(steps, fit, draws, source)
     return EstimatedSensor(fit.probabilities, symbols, fit.residual, fit.status, intervals, fit.noise)

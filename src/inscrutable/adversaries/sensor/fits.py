@@ -41,7 +41,7 @@ class SensorFit(NamedTuple):
         status: Whether the steps determine the sensor.
         residual: Largest distance of a belief from the filter's.
         noise: Standard deviation of a belief's error in any direction of the simplex.
-        n_unseen: Number of last columns that belong to symbols never observed.
+        n_unseen: Number of last columns, of symbols never observed or of the same effect as others.
     """
 
     probabilities: Array
@@ -85,6 +85,8 @@ def fitted(steps: FilterSteps, n_symbols: int | None, groups: Groups | None = No
     shown = steps.shown(found.columns)
     residual = float(np.linalg.norm(steps.held[:, None] - shown, axis=2).min(axis=1).max())
     limits = np.clip(np.stack([sensor - QUANTILE * spread, sensor + QUANTILE * spread], axis=2), 0.0, 1.0)
+    if groups is None and n_symbols is not None and n_unseen:
+        limits[:, :, 0] = 0.0  # symbols with proportional columns are one group, which they share in any way
     status = _status(steps, found, scales, n_unseen, excess=excess, noise=noise)
     return SensorFit(sensor, limits, found, status, residual, noise, n_unseen)
 

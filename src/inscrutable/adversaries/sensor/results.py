@@ -27,8 +27,9 @@ class SensorStatus(Enum):
         "often symbols were seen; see the intervals"
     )
     TOO_FEW_SYMBOLS = (
-        "fewer symbols were seen than the sensor has, because more are expected or the rows sum to less than one: the rest is "
-        "shared among the unseen symbols; take more beliefs"
+        "fewer symbols were seen than the sensor has, or several symbols have the same effect, because more are expected or "
+        "the rows sum to less than one: the rest is shared among the unseen symbols, and one column may be that of several; "
+        "take more beliefs"
     )
     TOO_FEW_STEPS = "fewer steps than unknowns: the answer is one guess of many; take more beliefs"
     ZEROS = (

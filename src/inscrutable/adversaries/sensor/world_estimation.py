@@ -62,7 +62,8 @@ def estimate_world(
         symbols: The agent's observation at each step, 0 to Y−1, where known: T−1 of them, or T, of which the first is not used.
             None: the steps are clustered by symbol.
         n_bootstrap: Number of bootstrap resamples of the steps for the intervals; 0: by the curvature of the fit, and of zero
-            width for the transition of exact beliefs, or where no joint fit is as good.
+            width for the transition of exact beliefs, or where no joint fit is as good. The sensor's are always by curvature
+            where fewer than Y symbols are told apart.
         rng: Source of the resamples, required if `n_bootstrap` is positive.
 
     Returns:
@@ -298,4 +299,4 @@ def _bootstrapped(
         chains.append(chain)
         if again.probabilities.shape == fit.probabilities.shape:
             sensors.append(again.probabilities)
-    return spanned(chains), spanned(sensors)
+    return spanned(chains), fit.intervals if fit.n_unseen else spanned(sensors)

@@ -247,6 +247,12 @@ def test_one_dimension_takes_plain_numbers() -> None:
     assert np.array_equal([agent.update(0.3), agent.update([0.9])], result.beliefs)
 
 
+def test_an_observation_too_far_from_every_state_is_named() -> None:
+    world = HiddenMarkovModel([[0.5, 0.5], [0.5, 0.5]], GaussianEmission([[0.0], [1.0]], np.ones((2, 1, 1))))
+    with pytest.raises(ModelError, match=r"observation at step 1 .* too far from all of them"):
+        filter_beliefs(world, [0.3, 1e160])
+
+
 def test_a_broken_sensor_is_caught() -> None:
     world = HiddenMarkovModel(np.eye(2), Table(), [0.5, 0.5])
     with pytest.raises(InputError, match=r"at step 1 is nan in state 0"):

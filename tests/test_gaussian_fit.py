@@ -160,6 +160,26 @@ def test_units_change_nothing_but_units() -> None:
     assert scaled.log_likelihood == pytest.approx(plain.log_likelihood - shift, rel=1e-9)
 
 
+@pytest.mark.parametrize("size", [1e155, 1.7e308, 1e-155, 1e-170])
+def test_observations_whose_variance_is_no_number_are_refused_by_column(size: float) -> None:
+    """They ended in errors of the linear algebra, such as "Probabilities contain NaN"."""
+    rows = np.random.default_rng(0).normal(size=(60, 2))
+    rows[:, 1] *= min(size, 1.0)
+    rows[-1, 1] = size
+    with pytest.raises(InputError, match=r"column 1 \(Oil\) .* missing values, or use another unit"):
+        fit(pd.DataFrame(rows, columns=["Gas", "Oil"]), 2, n_restarts=1)
+    with pytest.raises(InputError, match="column 0 "):
+        fit(rows[:, 1], 2, n_restarts=1)
+    assert_a_world(fit(np.column_stack([rows[:, 0], np.full(60, 1e200)]), 1, n_restarts=1))  # a constant needs none
+
+
+def test_a_doubted_fit_advises_what_can_help() -> None:
+    advised = [fit(rows, n, n_restarts=1).doubt for rows, n in (([1.0, 2.0], 1), (np.eye(4), 1), (np.arange(9.0), 2))]
+    assert advised[0].endswith("columns. Use more rows")
+    assert advised[1].endswith("Use shrunk covariances (ledoit-wolf or factor:K), fewer columns, or more rows")
+    assert advised[2].endswith("Use fewer regimes, or more rows")
+
+
 def test_labels_are_kept() -> None:
     rows = WORLD.sample(60, rng=np.random.default_rng(1)).observations
     frame = pd.DataFrame(rows, columns=["Food", "Steel"], index=pd.period_range("2000-01", periods=60, freq="M"))

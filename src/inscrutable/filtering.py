@@ -221,6 +221,6 @@ def _pass(world: HiddenMarkovModel, log_prior: Array, log_likelihoods: Array) ->
 
 def _impossible(step: str) -> ModelError:
     return ModelError(
-        f"the observation at step {step} has likelihood zero in every state that can be reached there: the world does not "
-        "explain it; check the observation, or give the sensor and the transition no zeros"
+        f"the observation at step {step} has likelihood zero in every state that can be reached there: it is too far from "
+        "all of them, or the sensor or the transition has zeros that rule it out; check the observation and the world"
     )

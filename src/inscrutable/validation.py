@@ -159,6 +159,12 @@ def check_positive_semidefinite(matrix: Array, name: str, why: str) -> None:
         )
 
 
+def constant_columns(table: Array) -> NDArray[np.bool_]:
+    """Return which columns of a table (T,D) vary by rounding alone; the standard deviation of equal numbers is not always 0."""
+    with np.errstate(over="ignore"):
+        return np.asarray(np.ptp(table, axis=0) <= tolerances.CONSTANT_COLUMN * np.abs(table).max(axis=0))
+
+
 def points(value: ArrayLike, size: int, axis: Axis, name: str = "action") -> Array:
     """Return decisions or beliefs (…,size) as floats, in the order of the axis' labels; an array of floats is not copied."""
     is_plain = type(value) is np.ndarray and value.dtype == np.float64

@@ -245,7 +245,7 @@ def _cut(
 
 def _check_own(values: Array, returns: pd.DataFrame) -> None:
     """Raise `InputError` for a number that does not vary, or follows from the returns, which would count twice."""
-    if np.ptp(values) <= tolerances.CONSTANT_COLUMN * np.abs(values).max():
+    if validation.constant_columns(values):
         raise InputError(f"public numbers do not vary in the training sample: all are {values[0]:g}")
     moved, rows = values - values.mean(), (returns - returns.mean()).to_numpy()
     if len(rows) <= 2 * rows.shape[1]:

@@ -14,10 +14,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from inscrutable import tolerances
-from inscrutable.errors import ModelError
+from inscrutable import tolerances, validation
+from inscrutable.errors import InputError, ModelError
 from inscrutable.validation import Array
 from inscrutable.worlds.covariances import CovarianceRule, LedoitWolfCovariance
+from inscrutable.worlds.observations import Labels
 
 START_PERSISTENCE = 0.9
 """Probability of staying in a state at every starting point: regimes are persistent."""
@@ -89,13 +90,22 @@ class Parameters:
         return float(self.means.size + self.n_free.sum() + (n_states - 1) * (n_states + 1))
 
 
-def standardised(raw: Array) -> Standardised:
+def standardised(raw: Array, names: Labels | None = None) -> Standardised:
     """Scale every column of observations (T,D) to zero mean and unit variance; a constant one gets the smallest scale."""
-    centre = raw.mean(axis=0)
-    scale = raw.std(axis=0)
-    constant = np.ptp(raw, axis=0) <= tolerances.CONSTANT_COLUMN * np.abs(raw).max(axis=0)
+    constant = validation.constant_columns(raw)
     if constant.all():
         raise ModelError(f"all {len(raw)} observations are equal: there is no variance to fit")
+    with np.errstate(over="ignore", invalid="ignore"):
+        centre, scale = np.where(constant, raw[0], raw.mean(axis=0)), raw.std(axis=0)
+        variances = np.where(constant, 1.0, scale**2)
+    bad = np.flatnonzero(~(np.isfinite(centre) & (variances >= np.finfo(np.float64).tiny) & np.isfinite(variances)))
+    if bad.size:
+        d = int(bad[0])
+        column = f"{d}" if names is None else f"{d} ({names[d]})"
+        raise InputError(
+            f"observations in column {column} are of size {np.abs(raw[:, d]).max():g}, whose variance has no floating-point "
+            "number: take out markers of missing values, or use another unit"
+        )
     scale[constant] = scale[~constant].min()
     rows = (raw - centre) / scale
     return Standardised(rows, centre, scale, float(np.log(scale).sum()))

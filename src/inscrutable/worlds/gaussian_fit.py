@@ -129,8 +129,12 @@ class FittedWorld(Summarised):
     def doubt(self) -> str:
         """Why the fit is not usable: it collapsed, or has too many parameters for its data; else empty."""
         found = self.best
-        shrunk = "shrunk covariances (ledoit-wolf or factor:K), " if self.covariance == "sample" else ""
-        advice = f"{self.size}. Use {shrunk}fewer regimes or columns, or more rows"
+        shrunk = self.covariance == "sample" and self.n_columns > 1
+        fewer = [name for name, n in (("regimes", self.world.n_states), ("columns", self.n_columns)) if n > 1]
+        help_ = ["shrunk covariances (ledoit-wolf or factor:K)"] * shrunk + [f"fewer {' or '.join(fewer)}"] * bool(
+            fewer
+        )
+        advice = f"{self.size}. Use {', '.join([*help_, 'or more rows'] if help_ else ['more rows'])}"
         if found.collapsed:
             rule = covariance_rule(self.covariance, self.n_rows, self.n_columns, self.world.n_states)
             where = ", ".join(f"{self.world.names[i]} on {found.weights[i]:.1f} observations" for i in found.collapsed)
@@ -196,8 +200,8 @@ def fit_gaussian_hmm(
         The world, its log-likelihood and the table of restarts.
 
     Raises:
-        InputError: Missing entries (row and column named), fewer different observations than regimes, or an unknown
-            `covariance`.
+        InputError: Missing entries (row and column named), a column whose variance is too large or too small for a
+            floating-point number, fewer different observations than regimes, or an unknown `covariance`.
         ModelError: Observations that are all equal.
 
     Cost: O(n_restarts · iterations · T (X D² + X²)); about a second for ten restarts on 490 × 12 observations and three
@@ -224,7 +228,7 @@ def fit_gaussian_hmm(
     if distinct < n_states:
         raise InputError(f"n_states is {n_states}, but there are only {distinct} different observations")
     rule = covariance_rule(covariance, len(rows), rows.shape[1], n_states)
-    data = standardised(rows)
+    data = standardised(rows, column_labels(observations))
     if rule.shrinks:
         data = data.mixed()
     climbs = [_restart(data, n_states, rule, child) for child in rng.spawn(n_restarts)]

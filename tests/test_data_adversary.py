@@ -147,6 +147,19 @@ def test_the_unit_of_decisions_changes_no_estimate() -> None:
         assert np.abs(found - beliefs[200:]).mean() < 0.02, (scale, shift)
 
 
+@pytest.mark.parametrize("held", [0.1, 0.3, 0.7, 1e6])
+def test_a_constant_weight_changes_no_estimate(held: float) -> None:
+    """The standard deviation of equal numbers is rounding, by which a query beside them was divided."""
+    rng = np.random.default_rng(2)
+    shown, asked = rng.normal(size=400), np.linspace(-1.0, 1.0, 9)
+    likely = 0.5 + 0.4 * np.cos(3.0 * shown)
+    beliefs = np.column_stack([likely, 1.0 - likely])
+    plain, other = (DataAdversary(beliefs, np.column_stack([shown, np.full(400, each)])) for each in (0.0, held))
+    assert plain.learner == other.learner == "nearest neighbours"
+    wanted = plain.estimates(np.column_stack([asked, np.zeros(9)]))
+    np.testing.assert_allclose(other.estimates(np.column_stack([asked, np.full(9, held + 1e-4)])), wanted, atol=1e-9)
+
+
 def test_choices_may_be_numbers_and_texts() -> None:
     first = np.random.default_rng(0).random(200)
     beliefs, many = np.column_stack([first, 1.0 - first]), np.where(first > 0.6, 1, 0)

@@ -348,6 +348,20 @@ def test_treatments_are_said() -> None:
     assert "'call' is read as 2 choices: buy, sell" in notes
 
 
+@pytest.mark.parametrize("held", [0.1, 0.3])
+def test_a_column_that_is_constant_but_for_rounding_hides_no_leak(held: float) -> None:
+    rng = np.random.default_rng(1)
+    shown, noise = rng.normal(size=(2, 400))
+    secret = np.cos(3.0 * shown) + 0.1 * rng.normal(size=400)
+    late = np.where(np.arange(400) < 160, 0.0, 1e-4 * noise)
+    one, other = (
+        audit_pairs(secret, np.column_stack([shown, each + late]), shifts=19).secrets[0] for each in (0.0, held)
+    )
+    assert other.explained == pytest.approx(one.explained, abs=0.02)
+    rounded = audit_pairs(secret, pd.DataFrame({"A": shown, "Cash": held + 1e-15 * noise}), shifts=19)
+    assert "left out, since constant: Cash" in rounded.notes
+
+
 COUNTED = np.arange(80) % 3
 PERCENTS = np.array([f"{k % 4 + 1}%" for k in range(80)])
 

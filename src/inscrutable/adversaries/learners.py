@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from inscrutable import validation
 from inscrutable.errors import InputError
 from inscrutable.validation import Array
 
@@ -114,7 +115,7 @@ def _tree(known: Array, read: Array) -> Fitted:
 def _standardised(known: Array, read: Array) -> tuple[Array, Array]:
     """Return both standardised by the mean and spread of the training decisions."""
     centre, spread = known.mean(axis=0), known.std(axis=0)
-    unit = np.where(spread > 0, spread, 1.0)
+    unit = np.where(validation.constant_columns(known), 1.0, spread)
     return np.asarray((known - centre) / unit), np.asarray((read - centre) / unit)
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
+from inscrutable import validation
 from inscrutable.axes import few, ordered_array
 from inscrutable.errors import InputError
 from inscrutable.labels import label_text
@@ -79,7 +80,7 @@ def paired(secrets: Any, published: Any, lags: Sequence[int], kind: Kind | None)
     targets = tuple(_target(hidden[name][whole], kind, notes) for name in hidden.columns)
     table, columns, of_lag = features[whole], [*decisions.columns] * len(lags), np.repeat(lags, decisions.shape[1])
     values = table.to_numpy(dtype=np.float64)
-    varies = np.ptp(values, axis=0) > 0
+    varies = ~validation.constant_columns(values)
     still = sorted({str(name) for name, moves in zip(columns, varies, strict=True) if not moves})
     if still and varies.any():
         notes.append(f"left out, since constant: {few(still)}")

@@ -335,6 +335,11 @@ def test_many_dimensions_of_one_line_are_one_number() -> None:
     round_one = ins.GaussianEmission([[0.0, 0.0], [1.0, 0.0]], [np.eye(2), 2 * np.eye(2)])
     found = social_learning(GUESS, round_one, n_agents=3, rng=rng, n_paths=50)
     assert found.status is HerdStatus.MAJORITIES
+    assert found.n_drawn == 500
+    assert "standard errors leave out that of 500 signals drawn from each state" in str(found)
+    cells = social_learning(GUESS, wide, n_agents=3, rng=rng, n_paths=50)
+    assert cells.n_drawn == 0
+    assert "signals drawn" not in str(cells)
     assert 0 < found.welfare < 1.5
 
 

@@ -53,9 +53,11 @@ class SocialLearning(Summarised, Saved):
         leakages: I(π_n;u_n|q_{n−1}) of every agent, shape (N,), in bits: leakage of its decision about its private belief to an
             observer who knows its rule and the decisions before; 0 is perfect privacy.
         truths: E q_n(x), mean probability of the true state under the public belief after 0..N decisions, shape (N+1,).
-        welfare_error: Standard error of the welfare; 0 for exact figures.
+        welfare_error: Standard error of the welfare; 0 for exact figures, without that of drawn signals.
         n_paths: Number of simulated paths; 0 for exact figures.
         status: How the figures were found.
+        n_drawn: Number of signals drawn from each state for a sensor without symbols or cells, else 0. Their error, the same on
+            all paths, is in no standard error: other draws show it.
 
     Source: Bikhchandani, Hirshleifer and Welch (1992); Smith and Sørensen (2000); `social_learning` makes it.
 
@@ -82,6 +84,7 @@ class SocialLearning(Summarised, Saved):
     welfare_error: float
     n_paths: int
     status: HerdStatus
+    n_drawn: int = 0
 
     @property
     def n_agents(self) -> int:
@@ -90,7 +93,7 @@ class SocialLearning(Summarised, Saved):
 
     @property
     def errors(self) -> Array:
-        """Standard errors of right, wrong and none, shape (3,); 0 for exact figures."""
+        """Standard errors of right, wrong and none, shape (3,); 0 for exact figures, without that of drawn signals."""
         shares = np.array([self.right, self.wrong, self.none])
         return np.sqrt(shares * (1.0 - shares) / self.n_paths) if self.n_paths else np.zeros(3)
 
@@ -109,10 +112,13 @@ class SocialLearning(Summarised, Saved):
     def summary(self) -> str:
         """Return a few lines for a person to read."""
         what = "majority" if self.status is HerdStatus.MAJORITIES else "cascade"
+        drawn = (
+            f"\nstandard errors leave out that of {self.n_drawn} signals drawn from each state" if self.n_drawn else ""
+        )
         return (
             f"{self.n_agents} agents: right {what} {self.right:.1%}, wrong {self.wrong:.1%}, none {self.none:.1%}\n"
             f"regret {self.welfare:.4g} in all, {self.regrets[-1]:.4g} of the last; leakage {self.leakages[0]:.4f} bits of the "
-            f"first, {self.leakages[-1]:.4f} of the last\n{self.status.value}"
+            f"first, {self.leakages[-1]:.4f} of the last\n{self.status.value}{drawn}"
         )
 
 
@@ -122,6 +128,7 @@ class Simulation(NamedTuple):
     welfare_error: float = 0.0
     n_paths: int = 0
     status: HerdStatus = HerdStatus.EXACT
+    n_drawn: int = 0
 
 
 def found_of(

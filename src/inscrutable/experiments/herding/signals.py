@@ -22,10 +22,11 @@ _DRAWS = 500
 
 
 class Signals(NamedTuple):
-    """An agent's signals: p(y|x), and whether they are the sensor's own symbols."""
+    """An agent's signals: p(y|x), whether they are the sensor's own symbols, and how many were drawn from each state."""
 
     probabilities: Array  # (X,Y)
     is_exact: bool
+    n_drawn: int
 
 
 def signals_of(emission: Emission, problem: DecisionProblem, rng: Any) -> Signals:
@@ -41,7 +42,7 @@ def signals_of(emission: Emission, problem: DecisionProblem, rng: Any) -> Signal
     if emission.n_states != problem.n_states:
         raise InputError(f"the emission has {emission.n_states} states, the problem {problem.n_states}")
     if isinstance(emission, CategoricalEmission):
-        return Signals(_aligned(emission, problem, np.asarray(emission.probabilities)), True)
+        return Signals(_aligned(emission, problem, np.asarray(emission.probabilities)), True, 0)
     if rng is None:
         raise InputError(
             f"{type(emission).__name__} has no finite list of symbols, so that paths are simulated: "
@@ -49,7 +50,7 @@ def signals_of(emission: Emission, problem: DecisionProblem, rng: Any) -> Signal
         )
     line = _line(emission) if isinstance(emission, GaussianEmission) else None
     table = _drawn(emission, validation.generator(rng)) if line is None else _cells(*line)
-    return Signals(_aligned(emission, problem, table), False)
+    return Signals(_aligned(emission, problem, table), False, _DRAWS if line is None else 0)
 
 
 def _aligned(emission: Any, problem: DecisionProblem, table: Array) -> Array:

@@ -60,7 +60,8 @@ def social_learning(
 
     Returns:
         A `SocialLearning`, whose status says whether it is exact. Gaussian signals with a scalar sufficient statistic are
-        rounded to a fifth of a standard deviation or less; other sensors report one of 500 signals drawn from each state.
+        rounded to a fifth of a standard deviation or less; other sensors report one of 500 signals drawn from each state, whose
+        own error no standard error includes.
 
     Raises:
         InputError: An argument is malformed, states differ in number or labels, a decision maker has a memory or decides on
@@ -101,7 +102,7 @@ def social_learning(
             "got None"
         )
     status = HerdStatus.SIMULATED if signals.is_exact else HerdStatus.MAJORITIES
-    return simulated(agents, start, paths or _PATHS, status, source)
+    return simulated(agents, start, Simulation(0.0, paths or _PATHS, status, signals.n_drawn), source)
 
 
 def _rules(problem: DecisionProblem, given: Any, count: int) -> list[PlaysMany]:
@@ -118,11 +119,9 @@ def _rules(problem: DecisionProblem, given: Any, count: int) -> list[PlaysMany]:
     return rules
 
 
-def simulated(
-    agents: Sequence[Deciding], prior: Array, n_paths: int, status: HerdStatus, rng: np.random.Generator
-) -> SocialLearning:
+def simulated(agents: Sequence[Deciding], prior: Array, how: Simulation, rng: np.random.Generator) -> SocialLearning:
     """Return the simulated figures of agents who decide in turn, with true states drawn from the prior."""
-    n_states, path = len(prior), np.arange(n_paths)
+    n_paths, n_states, path = how.n_paths, len(prior), np.arange(how.n_paths)
     states = rng.choice(n_states, size=n_paths, p=prior / prior.sum())
     beliefs = np.tile(prior, (n_paths, 1))
     lead, totals = np.zeros(n_paths), np.zeros(n_paths)
@@ -132,7 +131,7 @@ def simulated(
         node = node.reshape(-1)
         found = agent.at(beliefs[kept])
         truths.append(float(beliefs[path, states].mean()))
-        herds.append(_majority(lead) if status is HerdStatus.MAJORITIES else _cascade(found, node, states))
+        herds.append(_majority(lead) if how.status is HerdStatus.MAJORITIES else _cascade(found, node, states))
         if turn == len(agents):
             break
         spent = found.regrets[node, states]
@@ -143,9 +142,8 @@ def simulated(
         beliefs = found.beliefs[drawn]
     joint = np.zeros((n_paths, n_states))
     joint[path, states] = 1.0 / n_paths
-    error = float(totals.std() / np.sqrt(n_paths))
-    simulation = Simulation(error, n_paths, status)
-    return found_of(beliefs, joint, np.array(herds), np.array(turns), np.array(truths), simulation)
+    how = how._replace(welfare_error=float(totals.std() / np.sqrt(n_paths)))
+    return found_of(beliefs, joint, np.array(herds), np.array(turns), np.array(truths), how)
 
 
 def _outcomes(found: TurnOutcomes, node: np.ndarray, states: np.ndarray, rng: np.random.Generator) -> np.ndarray:

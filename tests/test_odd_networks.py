@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+import sys
+from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from inscrutable import InscrutableError, PowerNetwork, dispatch_problem, from_pandapower, load_matpower
+from inscrutable import InputError, InscrutableError, PowerNetwork, dispatch_problem, from_pandapower, load_matpower
 
 CASE = """function mpc = two
 mpc.version = '2';
@@ -109,6 +112,21 @@ def test_what_changes_nothing_changes_nothing(old, new, tmp_path):
     assert old in CASE
     (tmp_path / "same.m").write_bytes(CASE.replace(old, new).encode())
     np.testing.assert_allclose(dispatch_problem(load_matpower(tmp_path / "same.m")).solve([1.0]), BEST)
+
+
+@pytest.mark.parametrize("name", ["dcline", "vsc", "tcsc", "xward"])
+def test_nets_of_pandapower_with_elements_that_are_not_converted(name, monkeypatch):
+    """Stand-ins: pandapower itself is not needed."""
+
+    def to_ppc(net, **options):
+        raise KeyError("OPF parameters are not set correctly. See error log.")
+
+    monkeypatch.setitem(sys.modules, "pandapower.converter.pypower.to_ppc", SimpleNamespace(to_ppc=to_ppc))
+    table = pd.DataFrame({"in_service": [False, True]}, ["off", "on"])
+    with pytest.raises(InputError, match=rf"the network has {name} in service \(on\)"):
+        from_pandapower(SimpleNamespace(bus=pd.DataFrame(), **{name: table}))
+    with pytest.raises(InputError, match=r"controllable loads, .* need min_p_mw, max_p_mw, min_q_mvar and max_q_mvar"):
+        from_pandapower(SimpleNamespace(bus=pd.DataFrame(), **{name: table[:1]}))
 
 
 def test_wrong_calls_on_networks(tmp_path):

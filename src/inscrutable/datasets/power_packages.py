@@ -19,6 +19,15 @@ from inscrutable.validation import Array
 _TABLES = ("bus", "gen", "branch", "gencost")
 _LEAST_COLUMNS = {"bus": 5, "gen": 10, "branch": 11, "gencost": 5}
 _LINES, _CLOSED = ("lines", "transformers"), ("links", "stores", "storage_units", "processes", "global_constraints")
+_UNREAD = ("dcline", "vsc", "b2b_vsc", "bi_vsc", "tcsc", "xward")
+"""Elements of pandapower that its conversion leaves out, or gives no cost."""
+_ERROR, _HINT = (
+    "OPF parameters",
+    (
+        "; generators and controllable loads, static generators and storage need min_p_mw, max_p_mw, min_q_mvar and max_q_mvar"
+    ),
+)
+"""pandapower's error for missing limits, which it names in its log alone, and what is needed."""
 
 
 def from_pandapower(net: Any, *, convention: Convention = "matpower") -> PowerNetwork:
@@ -35,7 +44,8 @@ def from_pandapower(net: Any, *, convention: Convention = "matpower") -> PowerNe
         A network for `dispatch_problem`.
 
     Raises:
-        InputError: pandapower is not installed, or cannot convert the net; or as `load_matpower`, with the table's row.
+        InputError: pandapower is not installed, or cannot convert the net; lines of direct current, converters, TCSCs or xwards
+            are in service; or as `load_matpower`, with the table's row.
 
     Cost: pandapower's conversion. Source: Thurner et al., pandapower (IEEE Transactions on Power Systems 33, 2018).
 
@@ -48,6 +58,8 @@ def from_pandapower(net: Any, *, convention: Convention = "matpower") -> PowerNe
     checked_convention(convention)
     if not hasattr(getattr(net, "bus", None), "index"):
         raise InputError(f"net must be a pandapower net with the table bus, got {net!r:.60}")
+    for name in _UNREAD:
+        _check_out_of_service(name, _active(getattr(net, name, ()), "in_service"))
     try:
         converter = import_module("pandapower.converter.pypower.to_ppc")
     except ImportError:
@@ -55,7 +67,8 @@ def from_pandapower(net: Any, *, convention: Convention = "matpower") -> PowerNe
     try:
         case = converter.to_ppc(net, calculate_voltage_angles=True, init="flat", mode="opf")
     except Exception as error:  # any error that pandapower raises for a net
-        raise InputError(f"pandapower cannot convert the net: {type(error).__name__}: {error}") from None
+        hint = _HINT if _ERROR in str(error) else ""
+        raise InputError(f"pandapower cannot convert the net: {type(error).__name__}: {error}{hint}") from None
     values = {name: np.real(np.asarray(case[name])).astype(np.float64) for name in _TABLES if name in case}
     for name in _TABLES:
         if name not in values or values[name].ndim != 2 or values[name].shape[1] < _LEAST_COLUMNS[name]:
@@ -113,11 +126,7 @@ def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
     if snapshot not in network.snapshots:
         raise InputError(f"snapshot {snapshot!r} is none of {few(network.snapshots)}")
     for name in _CLOSED:
-        kept = _active(getattr(network, name, ()))  # older versions have no processes
-        if len(kept):
-            raise InputError(
-                f"the network has {name} in service ({few(kept.index)}), which a dispatch here does not know"
-            )
+        _check_out_of_service(name, _active(getattr(network, name, ())))  # older versions have no processes
     network.calculate_dependent_values()
     direct = network.buses.index[network.buses["carrier"] == "DC"] if "carrier" in network.buses else ()
     if len(direct):
@@ -150,8 +159,13 @@ def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
     )
 
 
-def _active(table: Any) -> Any:
-    return table[table["active"].astype(bool)] if "active" in table and len(table) else table
+def _active(table: Any, key: str = "active") -> Any:
+    return table[table[key].astype(bool)] if key in table and len(table) else table
+
+
+def _check_out_of_service(name: str, kept: Any) -> None:
+    if len(kept):
+        raise InputError(f"the network has {name} in service ({few(kept.index)}), which a dispatch here does not know")
 
 
 def _check_fixed(table: Any, key: str, what: str) -> None:

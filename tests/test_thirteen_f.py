@@ -114,6 +114,29 @@ def test_new_holdings_are_added_to_a_filing_that_must_be_there(tmp_path):
         filings_13f(tmp_path, [added])
 
 
+def test_rows_that_data_sets_share_count_once(tmp_path):
+    added = ("c", "14-JUN-2024", "13F-HR/A", "NEW HOLDINGS", 0, 2000, 1000)
+    once = filings_13f(tmp_path, [FIRST, added]).frame
+    info = tmp_path / "INFOTABLE.tsv"
+    first, *rows = info.read_text().splitlines()
+    info.write_text("\n".join([f"{first}\tINFOTABLE_SK", *(f"{row}\t{k}" for k, row in enumerate(rows))]))
+    names = dict(zip(CUSIPS, ASSETS, strict=True))
+    changes = {
+        "SUBMISSION": ("14-JUN", "15-JUN"),
+        "COVERPAGE": ("NEW HOLDINGS", "RESTATEMENT"),
+        "INFOTABLE": ("1000", "9000"),
+    }
+    for file, (old, new) in changes.items():
+        path = tmp_path / f"{file}.tsv"
+        text = path.read_text().rstrip("\n").splitlines()
+        path.write_text("\n".join(text + text[1:]))
+        pd.testing.assert_frame_equal(read_13f(tmp_path, cik=7, assets=ASSETS, names=names).frame, once)
+        path.write_text("\n".join([*text, text[-1].replace(old, new)]))
+        with pytest.raises(InputError, match=f"{file}.tsv has two rows with ACCESSION_NUMBER c.* that differ"):
+            read_13f(tmp_path, cik=7, assets=ASSETS, names=names)
+        path.write_text("\n".join(text))
+
+
 def test_what_the_files_lack_is_named(tmp_path):
     filings_13f(tmp_path, [FIRST])
     names = dict(zip(CUSIPS, ASSETS, strict=True))

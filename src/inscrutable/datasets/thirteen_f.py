@@ -41,6 +41,8 @@ _TABLES = {
     "COVERPAGE": ("ACCESSION_NUMBER",),
     "INFOTABLE": ("ACCESSION_NUMBER",),
 }
+_ROW = "INFOTABLE_SK"
+"""The number of a row of INFOTABLE.tsv."""
 _PRICES = (0.5, 50_000.0)
 """Bounds of the median share price, in dollars: below, values were in thousands; above, in dollars."""
 
@@ -149,20 +151,26 @@ def read_13f(
 
     Returns:
         One row per quarter, by PERIODOFREPORT; options and principal amounts are left out. A restating amendment replaces all
-        earlier filings of the report; an amendment with new holdings is added.
+        earlier filings of the report; an amendment with new holdings is added. Rows that data sets in one folder share count
+        once, those of INFOTABLE.tsv by INFOTABLE_SK.
 
     Raises:
         InputError: A file, a column or a filing's cover page is missing, the manager filed no holdings, an amendment states
-            neither type or adds to a filing that is in another data set, or `dollars_13f` raises an error for a filing.
+            neither type or adds to a filing that is in another data set, rows of one number differ, or `dollars_13f` raises an
+            error for a filing.
 
     Cost: O(rows of the files). Source: the SEC's FORM13F_readme, tables SUBMISSION, COVERPAGE, INFOTABLE.
     """
     folder = Path(path)
     submissions, covers, holdings = (_tsv(folder / f"{name}.tsv", columns) for name, columns in _TABLES.items())
     mine = submissions[pd.to_numeric(submissions["CIK"], errors="coerce") == int(cik)]
-    mine = mine[mine["SUBMISSIONTYPE"].str.startswith("13F-HR")]
+    mine = _once(mine[mine["SUBMISSIONTYPE"].str.startswith("13F-HR")], folder / "SUBMISSION.tsv")
     if not len(mine):
         raise InputError(f"{folder}: CIK {cik} filed no holdings (13F-HR) in this data set")
+    covers, holdings = (each[each["ACCESSION_NUMBER"].isin(mine["ACCESSION_NUMBER"])] for each in (covers, holdings))
+    covers = _once(covers, folder / "COVERPAGE.tsv")
+    if _ROW in holdings:
+        holdings = _once(holdings, folder / "INFOTABLE.tsv", _ROW)
     uncovered = mine["ACCESSION_NUMBER"][~mine["ACCESSION_NUMBER"].isin(covers["ACCESSION_NUMBER"])]
     if len(uncovered):
         raise InputError(f"{folder}: the filing {uncovered.iloc[0]} has no row in COVERPAGE.tsv")
@@ -203,6 +211,16 @@ def read_13f(
     frame = pd.DataFrame(rows, index=pd.DatetimeIndex(index, name="period"), columns=list(assets))
     left = tuple(sorted({name for name, asset in names.items() if not asset}))
     return WeightsTable(frame, FULL_PRECISION_DIGITS - 2, float(max(out)), left)
+
+
+def _once(table: pd.DataFrame, path: Path, *more: str) -> pd.DataFrame:
+    """Return the rows without copies, which data sets that overlap have; raise `InputError` for two rows of one number."""
+    kept, keys = table.drop_duplicates(), ["ACCESSION_NUMBER", *more]
+    twice = kept[kept.duplicated(keys)]
+    if len(twice):
+        number = ", ".join(f"{key} {twice[key].iloc[0]}" for key in keys)
+        raise InputError(f"{path} has two rows with {number} that differ, expected one each")
+    return kept
 
 
 def _check_prices(numbers: pd.DataFrame, day: date) -> None:

@@ -82,6 +82,15 @@ def test_what_holdings_leave_out_is_said(tmp_path):
         ("ticker,weight\nOil,40\nFood,50\ncash,8\n", "add up to 98%,"),
         ("ticker,weight\nOil,40\nFood,50\ncash,10\n", None),
         ("Oil,Food,Tech\n.333,.333,.333\n", None),
+        ("ticker,weight\nOil,50%\nFood,10%\n", "add up to 60%,"),
+        ("ticker,weight\nOil,.5\nFood,.1\n", "add up to 60%,"),
+        ("ticker,value (%)\nOil,100\nFood,50\n", "add up to 150%,"),
+        ("ticker,weight\nOil,0.5%\nFood,0.5%\n", "add up to 1%,"),
+        ("date,ticker,weight\n2020-01,Oil,98%\n2020-02,Oil,80%\n", "add up to 80% to 98%,"),
+        ("Oil,Food,Tech\n.4,.5,.08\n.4,.3,.1\n", "add up to 80% to 98%,"),
+        ("ticker,weight\nOil,52%\nFood,50%\ncash,-2%\n", None),
+        ("ticker,weight\nOil,52%\nFood,50%\ncash,2%\n", "add up to 104%,"),
+        ("ticker,weight\nOil,50%\nFood,20%\nUSD,15%\nEUR,14%\n", None),
         ("Oil,Food,Tech\n4000,5000,800\n", None),
     ],
 )
@@ -110,6 +119,7 @@ READ = {
     "percent": (read_holdings, "Oil,Food,Tech\n50%,25%,25 %\n", {"assets": ASSETS}, [[0.5, 0.25, 0.25]]),
     "percent of 100": (read_holdings, "Oil,Food,Tech\n50,25,25\n", {"assets": ASSETS}, [[0.5, 0.25, 0.25]]),
     "blanks and cash": (read_holdings, "date,oil,FOOD,Cash\n2020-01-31,3,,1\n", {"assets": ASSETS}, [[1, 0, 0]]),
+    "an asset named as cash is": (read_holdings, "asset,value\nusd,3\nOil,1\n", {"assets": ["USD", "Oil"]}, [[0.75, 0.25]]),
     "shares and prices": (
         read_holdings, "symbol,shares,price\nOIL,10,$30\nfood,20,5\nOil,10,30\n", {"assets": ASSETS}, [[6 / 7, 1 / 7, 0]]),
     "long with dates": (
@@ -192,6 +202,15 @@ ODD = {
     "mostly cash": (read_holdings, "Oil,Food,cash\n1,1,8\n", {"assets": ASSETS}, "80% of the value is left out"),
     "shares alone": (read_holdings, "ticker,shares\nOil,10\n", {"assets": ASSETS}, "shares alone say nothing"),
     "shares without a price": (read_holdings, "ticker,shares,price\nOil,10,\n", {"assets": ASSETS}, "no price above 0"),
+    "a value that is missing": (
+        read_holdings, "asset,value\nOil,1\nFood,#N/A\n", {"assets": ASSETS}, "line 3, column 'value': found '#N/A'"),
+    "a weight that is missing": (read_holdings, "Oil,Food\n1,n/a\n", {"assets": ASSETS}, "line 2, column 'Food': found 'n/a'"),
+    "a price in per cent": (
+        read_holdings, "ticker,shares,price\nOil,1,5%\n", {"assets": ASSETS}, "'price': found '5%', expected shares and"),
+    "shares in per cent": (
+        read_holdings, "ticker,shares,price\nOil,1%,5\n", {"assets": ASSETS}, "'shares': found '1%', expected shares and"),
+    "a number without end": (
+        read_holdings, f"asset,value\nOil,{'9' * 320}\n", {"assets": ASSETS}, "has 320 digits, expected"),
     "an amount in words": (read_holdings, "asset,value\nOil,ten\n", {"assets": ASSETS}, "expected an amount"),
     "an amount in euros and cents": (read_holdings, 'asset,value\nOil,"1.234,50"\n', {"assets": ASSETS}, "expected an amount"),
     "a date that comes late": (read_holdings, "asset,date,value\nOil,2020-01-31,1\n", {"assets": ASSETS}, "must come first"),

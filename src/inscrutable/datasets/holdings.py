@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from inscrutable import tolerances
-from inscrutable.datasets._cells import TextTable, is_missing, read_text_table, shown
+from inscrutable.datasets._cells import TextTable, read_text_table, shown
 from inscrutable.datasets._dates import label_index, row_labels
 from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, WeightsTable
 from inscrutable.errors import InputError
@@ -24,14 +24,22 @@ from inscrutable.labels import label_text
 _CASH = {"cash", "usd", "eur", "money market", "cash and equivalents", "cash & equivalents", "cash_usd"}
 _TICKERS, _VALUES = ("ticker", "symbol", "asset"), ("value", "market value", "dollars", "weight", "percent")
 _SHARES, _PRICES = ("shares", "quantity", "units"), ("price", "close")
+_WEIGHTS = ("weight", "percent")
 _UNIT = re.compile(r"\s*\([^)]*\)$")  # as in "weight (%)" and "market value ($)"
 _LONG = {*_TICKERS, *_VALUES, *_SHARES, *_PRICES, "date"}
 _AMOUNT = re.compile(
     r"(?P<minus>-?)\$?(?P<number>[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?|\d+\.?\d*|\.\d+)(?P<percent>\s*%?)", re.ASCII
 )
+_NOTHING = ("", "-")
+_MOST_DIGITS = 100  # of a number: sums and products stay finite
 _NEAR = 0.6
 _MOST_LEFT_OUT = 0.5
 """Share of the value outside the model from which the weights represent the portfolio badly."""
+
+_AS_PERCENTAGES = 10.0  # between sums near 1 and sums near 100
+_NEAR_WHOLE = 0.1  # amounts in dollars add up to 1 or 100 by chance alone
+_MOST_GROSS = 100.0
+_ACCURATE = 9  # digits of a logarithm: that of a power of ten has a rounding
 
 
 class _Cell(NamedTuple):
@@ -40,6 +48,51 @@ class _Cell(NamedTuple):
     value: float
     half_unit: float
     is_percent: bool
+
+    def with_half(self, half_unit: float) -> _Cell:
+        """Return the number with the half unit of others; 0 stays exact."""
+        return self._replace(half_unit=half_unit if self.half_unit else 0.0)
+
+
+class _Amounts:
+    """Amounts of T portfolios with half units of their last digits: of a model's assets (T,U), and of what is left out (T,)."""
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self.values, self.halves = np.zeros(size), np.zeros(size)
+        self.left, self.left_net, self.left_halves = np.zeros((3, size[0]))
+        self.owed: list[str] = []
+        self.are_percent = self.are_weights = False
+
+    def add(self, row: int, place: int | None, label: str, cell: _Cell) -> None:
+        """Add an amount of an asset, or one that is left out; of those below 0 the labels are kept."""
+        if place is not None:
+            self.values[row, place] += cell.value
+            self.halves[row, place] += cell.half_unit
+            return
+        self.left[row] += abs(cell.value)
+        self.left_net[row] += cell.value
+        self.left_halves[row] += cell.half_unit
+        if cell.value < 0.0:
+            self.owed.append(label)
+
+    def whole(self) -> float | None:
+        """Return 1 or 100 where all rows sum to that but for the rounding of published weights."""
+        rounding = self.halves.sum(axis=1) + self.left_halves
+        for whole in (100.0,) if self.are_percent else (1.0, 100.0):
+            allowed = np.maximum(np.minimum(rounding, whole * tolerances.COARSEST_SUM), tolerances.FEASIBILITY)
+            if (np.abs(self._sums() - whole) <= allowed).all():
+                return whole
+        return None
+
+    def odd_sums(self) -> tuple[float, float] | None:
+        """Return the least and greatest sum of a row, as a share, where weights, or what may be, do not sum to the whole."""
+        sums = self._sums()
+        shares = sums / (100.0 if self.are_percent or sums.max() >= _AS_PERCENTAGES else 1.0)
+        is_near = self.are_weights or (np.abs(shares - 1.0) <= _NEAR_WHOLE).any()
+        return (float(shares.min()), float(shares.max())) if is_near and self.whole() is None else None
+
+    def _sums(self) -> NDArray[np.float64]:
+        return np.asarray(self.values.sum(axis=1) + self.left_net)
 
 
 def read_holdings(
@@ -53,7 +106,7 @@ def read_holdings(
         path: A CSV file, wide or long. Wide: one column per asset, one row per portfolio, the first column a date or label if
             its name is none of the assets. Long: the columns ticker (symbol, asset) and value (market value, dollars, weight,
             percent), or shares (quantity, units) and price (close); a column date makes several portfolios, and several rows
-            of one asset are added. Amounts may have a dollar sign, thousands separators or a per cent sign; a blank is 0.
+            of one asset are added. Amounts may have a dollar sign, thousands separators or a per cent sign; a blank or - is 0.
             Of values, shares and prices together the values count; other columns and rows of totals are refused.
         assets: (U,) labels of the model's assets. Assets missing in the file have weight 0.
         names: Labels in the file → labels of the model; "" leaves one out. Other labels match whatever their case.
@@ -62,11 +115,14 @@ def read_holdings(
         A `WeightsTable`. Fractions and percentages whose rows sum to the whole but for their rounding are kept as published.
         `decimals` is such that rounding in the file changes a weight by at most half a unit of the last digit; all amounts
         of the model's assets have the digits of the longest, as spreadsheets drop zeros at the end; prices have their own.
-        `left_out` is the largest share of a row's value outside the model, `others` its labels.
+        `left_out` is the largest share of a row's value outside the model, `others` its labels. `sums` are given where amounts
+        with per cent signs, or a column weight, percent or with % in its name, do not add up to the whole together with what is
+        left out; of other amounts where a row is within a tenth of it.
 
     Raises:
-        InputError: With file, line and column: a cell is not an amount, only some cells have per cent signs, a label is
-            unknown, the values of a row do not have a positive sum, or half of the value or more is outside the model.
+        InputError: With file, line and column: a cell is not an amount, or says that it is missing (such as n/a), only some
+            cells have per cent signs, or shares or prices have them, a label is unknown, the values of a row do not have a
+            positive sum, or half of the value or more is outside the model.
 
     Cost: O(cells).
 
@@ -84,9 +140,9 @@ def read_holdings(
     header = [_UNIT.sub("", name.lower()) for name in table.header]
     known = _Names(table, list(map(str, assets)), dict(names or {}))
     is_long = any(name in _TICKERS for name in header) and any(name in (*_VALUES, *_SHARES) for name in header)
-    values, halves, cash, index = _long(table, header, known) if is_long else _wide(table, known)
-    found = _as_weights(table, known, values, halves, cash, index)
-    return replace(found, missing=() if is_long else known.absent, owed=tuple(dict.fromkeys(known.owed)))
+    amounts, index = _long(table, header, known) if is_long else _wide(table, known)
+    found = _as_weights(table, known, amounts, index)
+    return replace(found, missing=() if is_long else known.absent, owed=tuple(dict.fromkeys(amounts.owed)))
 
 
 class _Names:
@@ -101,7 +157,6 @@ class _Names:
         for asset in assets:
             self._folded.setdefault(asset.casefold(), []).append(asset)
         self.left_out: list[str] = []
-        self.owed: list[str] = []
         self.seen: set[str] = set()
 
     @property
@@ -115,7 +170,7 @@ class _Names:
             asset = self._given[label]
         elif label in self.assets:
             asset = label
-        elif label.casefold() in _CASH:
+        elif label.casefold() in _CASH and label.casefold() not in self._folded:
             asset = ""
         else:
             same = self._folded.get(label.casefold(), [])
@@ -133,37 +188,24 @@ class _Names:
         self.seen.add(asset)
         return self.assets.index(asset)
 
-    def aside(self, label: str, amount: float) -> float:
-        """Return the size of an amount that is left out; one below 0 is remembered."""
-        if amount < 0.0:
-            self.owed.append(label)
-        return abs(amount)
 
-
-def _wide(
-    table: TextTable, known: _Names
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], pd.Index]:
+def _wide(table: TextTable, known: _Names) -> tuple[_Amounts, pd.Index]:
     labels = table.header
     first = 1 if not _is_known(known, labels[0]) else 0
     places = [known.place(label, f"{table.path}, line 1") for label in labels[first:]]
     twice = [labels[first + k] for k, place in enumerate(places) if place is not None and place in places[:k]]
     if twice:
         raise InputError(f"{table.path}, line 1: {twice[0]!r} is a second column of one asset; expected one each")
-    size = len(known.assets)
-    values, halves = np.zeros((len(table.rows), size)), np.zeros((len(table.rows), size))
-    cash = np.zeros(len(table.rows))
+    amounts = _Amounts((len(table.rows), len(known.assets)))
     kinds: set[bool] = set()
     rows = [[_cell(table, row, first + k) for k in range(len(places))] for row in range(len(table.rows))]
     half = _half_unit(cell for cells in rows for place, cell in zip(places, cells, strict=True) if place is not None)
     for row, cells in enumerate(rows):
         _same_unit(table, row, cells, kinds)
         for label, place, cell in zip(labels[first:], places, cells, strict=True):
-            if place is None:
-                cash[row] += known.aside(label, cell.value)
-            else:
-                values[row, place], halves[row, place] = cell.value, half if cell.half_unit else 0.0
-    index = label_index(table) if first else pd.RangeIndex(len(table.rows), name="row")
-    return values, halves, cash, index
+            amounts.add(row, place, label, cell if place is None else cell.with_half(half))
+    amounts.are_percent = amounts.are_weights = True in kinds
+    return amounts, label_index(table) if first else pd.RangeIndex(len(table.rows), name="row")
 
 
 def _is_known(known: _Names, label: str) -> bool:
@@ -177,9 +219,7 @@ def _is_known(known: _Names, label: str) -> bool:
     return True
 
 
-def _long(
-    table: TextTable, header: list[str], known: _Names
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], pd.Index]:
+def _long(table: TextTable, header: list[str], known: _Names) -> tuple[_Amounts, pd.Index]:
     ticker, value, shares, price = (
         next((header.index(name) for name in names if name in header), None)
         for names in (_TICKERS, _VALUES, _SHARES, _PRICES)
@@ -198,31 +238,32 @@ def _long(
     if "date" in header[1:]:
         raise InputError(f"{table.path}, line 1: the column date must come first")
     index, where = _portfolios(table) if header[0] == "date" else (pd.RangeIndex(1, name="row"), [0] * len(table.rows))
-    size = len(known.assets)
-    values, halves, cash = np.zeros((len(index), size)), np.zeros((len(index), size)), np.zeros(len(index))
+    amounts = _Amounts((len(index), len(known.assets)))
     kinds: set[bool] = set()
-    column = price if value is None else value
+    column, read = (price, _count) if value is None else (value, _cell)
     assert column is not None
-    amounts = [_cell(table, row, column) for row in range(len(table.rows))]
-    places = [known.place(cells[ticker], table.place(row, ticker)) for row, cells in enumerate(table.rows)]
-    held = _half_unit(amount for place, amount in zip(places, amounts, strict=True) if place is not None)
-    for row, (place, amount) in enumerate(zip(places, amounts, strict=True)):
-        count, half = 1.0, held if amount.half_unit else 0.0
+    cells = [read(table, row, column) for row in range(len(table.rows))]
+    places = [known.place(texts[ticker], table.place(row, ticker)) for row, texts in enumerate(table.rows)]
+    half = _half_unit(cell for place, cell in zip(places, cells, strict=True) if place is not None)
+    for row, (place, cell) in enumerate(zip(places, cells, strict=True)):
         if value is not None:
-            _same_unit(table, row, [amount], kinds)
-            if is_missing(table.rows[row][value]) and shares is not None and _cell(table, row, shares).value:
+            _same_unit(table, row, [cell], kinds)
+            if table.rows[row][value] in _NOTHING and shares is not None and _cell(table, row, shares).value:
                 raise InputError(f"{table.place(row, value)}: no value for what is held")
+            amount = cell if place is None else cell.with_half(half)
         else:
             assert shares is not None
-            count, half = _cell(table, row, shares).value, amount.half_unit  # prices of unlike sizes have unlike digits
-            if place is not None and count and not amount.value > 0:
+            count = _count(table, row, shares).value
+            if place is not None and count and not cell.value > 0:
                 raise InputError(f"{table.place(row, column)}: no price above 0 for what is held")
-        if place is None:
-            cash[where[row]] += known.aside(table.rows[row][ticker], count * amount.value)
-        else:
-            values[where[row], place] += count * amount.value
-            halves[where[row], place] += abs(count) * half
-    return values, halves, cash, index
+            # prices of unlike sizes have unlike digits
+            amount = _Cell(count * cell.value, abs(count) * cell.half_unit, False)
+        amounts.add(where[row], place, table.rows[row][ticker], amount)
+    amounts.are_percent = True in kinds
+    amounts.are_weights = amounts.are_percent or (
+        value is not None and (header[value] in _WEIGHTS or "%" in table.header[value])
+    )
+    return amounts, index
 
 
 def _portfolios(table: TextTable) -> tuple[pd.Index, list[int]]:
@@ -238,21 +279,36 @@ def _portfolios(table: TextTable) -> tuple[pd.Index, list[int]]:
 
 def _cell(table: TextTable, row: int, column: int) -> _Cell:
     text = table.rows[row][column]
-    if is_missing(text):
+    if text in _NOTHING:
         return _Cell(0.0, 0.0, False)
     plain = f"-{text[1:-1]}" if text.startswith("(") and text.endswith(")") else text.replace("\u2212", "-")
     found = _AMOUNT.fullmatch(plain)
     if found is None:
         raise InputError(
             f"{table.place(row, column)}: found {shown(text)}, expected an amount such as 1,234.50, $1000 or 12.5%, "
-            "without other signs of currency"
+            "without other signs of currency, or a blank for 0"
         )
     if "," in found["number"] and found["percent"].strip():
         raise InputError(f"{table.place(row, column)}: {shown(text)} may have a decimal comma or one of thousands")
     number = found["number"].replace(",", "")
+    if len(number) > _MOST_DIGITS:
+        raise InputError(
+            f"{table.place(row, column)}: {shown(text)} has {len(number)} digits, expected at most {_MOST_DIGITS}"
+        )
     digits = len(number.partition(".")[2])
     value = float(number) * (-1.0 if found["minus"] else 1.0)
     return _Cell(value, 0.5 * 10.0**-digits if value else 0.0, bool(found["percent"].strip()))
+
+
+def _count(table: TextTable, row: int, column: int) -> _Cell:
+    """Return a number of shares or a price."""
+    cell = _cell(table, row, column)
+    if cell.is_percent:
+        found = shown(table.rows[row][column])
+        raise InputError(
+            f"{table.place(row, column)}: found {found}, expected shares and prices without per cent signs"
+        )
+    return cell
 
 
 def _half_unit(cells: Iterable[_Cell]) -> float:
@@ -267,14 +323,8 @@ def _same_unit(table: TextTable, row: int, cells: Sequence[_Cell], kinds: set[bo
         raise InputError(f"{table.path}, line {table.lines[row]}: some amounts have a per cent sign and some have none")
 
 
-def _as_weights(
-    table: TextTable,
-    known: _Names,
-    values: NDArray[np.float64],
-    halves: NDArray[np.float64],
-    cash: NDArray[np.float64],
-    index: pd.Index,
-) -> WeightsTable:
+def _as_weights(table: TextTable, known: _Names, amounts: _Amounts, index: pd.Index) -> WeightsTable:
+    values, halves, left = amounts.values, amounts.halves, amounts.left
     sums, absent = values.sum(axis=1), f"; the file does not name {', '.join(known.absent)}" if known.absent else ""
     void = ~(sums > tolerances.TINY) | (np.abs(values).sum(axis=1) > _MOST_GROSS * np.abs(sums))
     for row in np.flatnonzero(void).tolist():
@@ -282,16 +332,14 @@ def _as_weights(
             f"{table.path}, portfolio {label_text(index[row])}: the model's assets add up to {sums[row]:g}, expected more "
             f"than 0{absent}"
         )
-    out = cash / (cash + np.abs(values).sum(axis=1))
+    out = left / (left + np.abs(values).sum(axis=1))
     if out.max(initial=0.0) >= _MOST_LEFT_OUT:
         row = int(out.argmax())
         raise InputError(
             f"{table.path}, portfolio {label_text(index[row])}: {out[row]:.0%} of the value is left out "
             f"({', '.join(sorted(set(known.left_out)))}); the rest would say little of the portfolio"
         )
-    whole = _published_whole(sums, halves) if not cash.any() else None
-    shares = (sums + cash) / (1.0 if (sums + cash).max() < _AS_PERCENTAGES else 100.0)
-    is_short = _published_whole(sums + cash, halves) is None and (np.abs(shares - 1.0) <= _NEAR_WHOLE).all()
+    whole = None if left.any() else amounts.whole()
     if whole is None:
         # w = v/S: an error of h_j in each v moves w_j by no more than (h_j + w_j Σh)/S.
         moved = (halves + np.abs(values / sums[:, None]) * halves.sum(axis=1, keepdims=True)) / sums[:, None]
@@ -307,23 +355,8 @@ def _as_weights(
         digits if digits < FULL_PRECISION_DIGITS else None,
         float(out.max(initial=0.0)),
         tuple(sorted(set(known.left_out))),
-        sums=(float(shares.min()), float(shares.max())) if is_short else None,
+        sums=amounts.odd_sums(),
     )
-
-
-_AS_PERCENTAGES = 10.0  # between sums near 1 and sums near 100
-_NEAR_WHOLE = 0.1  # amounts in dollars add up to 1 or 100 by chance alone
-_MOST_GROSS = 100.0
-_ACCURATE = 9  # digits of a logarithm: that of a power of ten has a rounding
-
-
-def _published_whole(sums: NDArray[np.float64], halves: NDArray[np.float64]) -> float | None:
-    """Return 1 or 100 where all rows sum to that but for the rounding of published weights."""
-    for whole in (1.0, 100.0):
-        rounding = np.minimum(halves.sum(axis=1), whole * tolerances.COARSEST_SUM)
-        if (np.abs(sums - whole) <= np.maximum(rounding, tolerances.FEASIBILITY)).all():
-            return whole
-    return None
 
 
 def read_map(path: str | os.PathLike[str]) -> dict[str, str]:

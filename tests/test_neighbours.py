@@ -125,6 +125,10 @@ def test_weights_as_other_packages_give_them():
     named = frontier.set_axis(["HRP", "MV"], axis=1)  # Riskfolio, portfolios with names
     np.testing.assert_array_equal(ins.weights_of(named)[ASSETS], [[0.2, 0.3, 0.5], [0.6, 0.4, 0.0]])
     np.testing.assert_array_equal(ins.weights_of(named.T)[ASSETS], [[0.2, 0.3, 0.5], [0.6, 0.4, 0.0]])
+    numbered = pd.DataFrame(
+        [[0.5, 0.5], [0.4, 0.6]], ["2020-01-31", "2020-02-29"], [10107, 14593]
+    )  # assets with numbers
+    pd.testing.assert_frame_equal(ins.weights_of(numbered), numbered)
     for given in (held, SimpleNamespace(w=held)):  # cvxportfolio
         found = ins.weights_of(given)
         assert list(found.columns) == ASSETS

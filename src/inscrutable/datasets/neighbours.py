@@ -20,8 +20,8 @@ def weights_of(given: Any) -> pd.DataFrame:
     """Return the weights of other packages as `attack_weights` and `audit` read them: one row per decision.
 
     Formula: PyPortfolioOpt's mapping from asset to weight becomes one row. Riskfolio's frame has one row per asset and one
-    column per portfolio, and is transposed. cvxportfolio's result, or its frame `w`, has one row per time; a zero column of
-    cash is dropped. A Series becomes one row.
+    column per portfolio, and is transposed unless its rows alone add up to one. cvxportfolio's result, or its frame `w`, has
+    one row per time; a zero column of cash is dropped. A Series becomes one row.
 
     Args:
         given: The object.
@@ -59,15 +59,20 @@ def weights_of(given: Any) -> pd.DataFrame:
 
 
 def _is_upright(held: pd.DataFrame) -> bool:
-    """Whether a frame has a row per asset: portfolios are then numbered, named "weights", or columns alone add up to 1."""
+    """Whether a frame has a row per asset: portfolios are then numbered, named "weights", or columns alone add up to 1.
+
+    It has none where rows alone add up to 1.
+    """
     if not all(isinstance(each, str) for each in held.index):
+        return False
+    numbers = held.apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
+    columns, rows = (np.abs(numbers.sum(axis=axis) - 1.0) <= tolerances.PUBLISHED_SUM for axis in (0, 1))
+    if rows.all() and not columns.all():
         return False
     if [str(each).lower() for each in held.columns] == ["weights"] or all(
         isinstance(each, int) for each in held.columns
     ):
         return True
-    numbers = held.apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
-    columns, rows = (np.abs(numbers.sum(axis=axis) - 1.0) <= tolerances.PUBLISHED_SUM for axis in (0, 1))
     return bool(columns.all() and not rows.all())
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from dataclasses import replace
 from pathlib import Path
 
@@ -603,3 +604,18 @@ def test_titles_and_notes_around_a_table_are_said_to_go(tmp_path: Path) -> None:
     file.write_text("ticker,weight\nOil,75.00\nGas,25.00\nNo advice\n")
     with pytest.raises(InputError, match=r"line 4: 1 cells, expected 2 .* notes below it must be deleted"):
         read_holdings(file, assets=["Gas", "Oil"])
+
+
+def test_labels_of_models_are_those_of_tables_however_accents_are_spelt(tmp_path: Path) -> None:
+    """Tables are read with composed accents; a model may have them apart from their letters."""
+    apart = unicodedata.normalize("NFD", "Öl")
+    model, weights = tmp_path / "model.toml", tmp_path / "weights.csv"
+    model.write_text(MODEL.replace("Oil", apart).replace("{more}", f'[constraints]\nmax_weight = {{"{apart}" = 0.9}}'))
+    weights.write_text(f"{apart},Food,Tech\n0.5,0.25,0.25\n")
+    investor = investor_of(model)
+    saved = investor.save(tmp_path / "model.json")
+    saved.write_text(unicodedata.normalize("NFD", saved.read_text()))
+    for each in (investor, InvestorModel.load(saved)):
+        assert read_weights(weights, assets=each.assets).frame.columns[0] == "Öl"
+    capped = investor_of(saved, LimitsPart(max_weight={apart: 0.1})).problem.constraints
+    assert "Öl <= 0.1" in capped.names

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError
 
 from inscrutable.errors import InputError
-from inscrutable.experiments.sections import Matrix, Section, shortened
+from inscrutable.experiments.sections import Label, Matrix, Section, shortened
 from inscrutable.experiments.weight_limits import LimitsPart
 
 Vector = list[float]
@@ -28,7 +28,7 @@ class GaussianPart(Section):
     type: Literal["gaussian"]
     means: Matrix
     covariances: Stack
-    asset_names: list[str] | None
+    asset_names: list[Label] | None
 
 
 class LinearPart(Section):
@@ -36,8 +36,8 @@ class LinearPart(Section):
 
     type: Literal["part"]
     matrix: Matrix
-    names: list[str] | None
-    asset_names: list[str] | None
+    names: list[Label] | None
+    asset_names: list[Label] | None
 
 
 class WorldPart(Section):
@@ -45,7 +45,7 @@ class WorldPart(Section):
 
     transition: Matrix
     initial: Vector
-    names: list[str]
+    names: list[Label]
     emission: CategoricalPart | GaussianPart = Field(discriminator="type")
     public: CategoricalPart | GaussianPart | LinearPart | None = None
 
@@ -56,7 +56,7 @@ class LimitPart(Section):
     weights: Matrix
     centers: Matrix
     most: float
-    name: str
+    name: Label
     linear: Vector = Field(default_factory=list)
 
 
@@ -67,7 +67,7 @@ class ConstraintsPart(Section):
     b_ub: Vector
     A_eq: Matrix
     b_eq: Vector
-    names: list[str]
+    names: list[Label]
     min_slack: float
     limits: list[LimitPart] = Field(default_factory=list)
 
@@ -95,8 +95,8 @@ class ModelFile(Section):
     format: str
     version: int
     note: str
-    assets: list[str]
-    regimes: list[str]
+    assets: list[Label]
+    regimes: list[Label]
     budget: BudgetPart
     world: WorldPart
     problem: ProblemPart

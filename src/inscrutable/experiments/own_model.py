@@ -16,14 +16,14 @@ from inscrutable.decision_makers.candidate_sources import is_simplex
 from inscrutable.errors import InputError
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.model_file import Stack, Vector
-from inscrutable.experiments.sections import Matrix, NonNegative, Positive, Section, expected, shortened
+from inscrutable.experiments.sections import Label, Matrix, NonNegative, Positive, Section, expected, shortened
 from inscrutable.experiments.silence import budget_in
 from inscrutable.experiments.toml_lines import Place, TomlSource, nearest, read_toml
 from inscrutable.experiments.weight_limits import LimitsPart
 from inscrutable.problems import MarkowitzProblem, Polyhedron
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
 
-Names = Annotated[list[str], Field(min_length=1)]
+Names = Annotated[list[Label], Field(min_length=1)]
 
 
 class InvestorPart(Section):
@@ -42,7 +42,7 @@ class RegimesPart(Section):
     """User-defined regimes instead of fitted ones: transition, means and covariances, per row of the returns."""
 
     names: Names = Field(description="of the regimes, in the order of a belief's entries")
-    assets: list[str] | None = Field(
+    assets: list[Label] | None = Field(
         default=None, description="in the order of the columns; needed without `means_file`"
     )
     transition: Matrix = Field(description="probability of each regime in the next row, one row per regime")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from itertools import pairwise
 from typing import Annotated, Any, TypeVar
 
@@ -46,6 +47,12 @@ def rising(values: tuple[Any, ...]) -> tuple[Any, ...]:
     return values
 
 
+def _composed(label: str) -> str:
+    """Return a label as tables read from files have it: an accent is one character with its letter."""
+    return unicodedata.normalize("NFC", label)
+
+
+Label = Annotated[str, AfterValidator(_composed)]
 Grid = Annotated[
     tuple[_Entry, ...], BeforeValidator(_listed), Field(min_length=1, strict=False), AfterValidator(_distinct)
 ]

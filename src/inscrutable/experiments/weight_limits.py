@@ -10,7 +10,7 @@ from pydantic import Field
 
 from inscrutable.datasets import read_sectors
 from inscrutable.errors import InputError
-from inscrutable.experiments.sections import Likely, NonNegative, Section
+from inscrutable.experiments.sections import Label, Likely, NonNegative, Section
 from inscrutable.problems import Polyhedron, group_caps, long_short, max_weights, min_weights
 
 _MOST_TURNOVER = 10.0  # a larger value is probably a percentage: 30 for 30 %
@@ -20,23 +20,23 @@ _MOST_GROSS = 100.0  # likewise: 160 for 160 %
 class LimitsPart(Section):
     """Limits on weights. Without `long_short` weights are nonnegative and sum to one."""
 
-    max_weight: Likely | dict[str, float] | None = Field(
+    max_weight: Likely | dict[Label, float] | None = Field(
         default=None, description="most of every asset, or a table of assets and theirs"
     )
-    min_weight: float | dict[str, float] | None = Field(
+    min_weight: float | dict[Label, float] | None = Field(
         default=None, description="least of every asset, or a table of assets and theirs"
     )
-    sectors: dict[str, list[str]] | str | None = Field(
+    sectors: dict[Label, list[Label]] | str | None = Field(
         default=None, description="a table of sectors and their assets, or a CSV with the columns asset and sector"
     )
-    sector_cap: NonNegative | dict[str, float] | None = Field(
+    sector_cap: NonNegative | dict[Label, float] | None = Field(
         default=None, description="most of every sector, or a table of sectors and theirs"
     )
     long_short: Annotated[float, Field(gt=0.0, le=_MOST_GROSS)] | None = Field(
         default=None, description="most that long and short holdings add up to"
     )
     net: float | None = Field(default=None, description="with `long_short`: what long less short holdings add up to; 1")
-    shortable: list[str] | None = Field(default=None, description="with `long_short`: assets that may be short; all")
+    shortable: list[Label] | None = Field(default=None, description="with `long_short`: assets that may be short; all")
     turnover: Annotated[float, Field(ge=0.0, le=_MOST_TURNOVER)] | None = Field(
         default=None, description="most that is bought plus sold against the last published weights, 0.3 for 30 %"
     )

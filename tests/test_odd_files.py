@@ -212,6 +212,12 @@ ODD = {
         read_holdings, "ticker,shares,price\nOil,1%,5\n", {"assets": ASSETS}, "'shares': found '1%', expected shares and"),
     "a number without end": (
         read_holdings, f"asset,value\nOil,{'9' * 320}\n", {"assets": ASSETS}, "has 320 digits, expected"),
+    "one date that is none": (
+        read_weights, "date,Oil,Food,Tech\n1997-06-30,1,0,0\n1997-05-31*,1,0,0\n1997-04-30,1,0,0\n", {"assets": ASSETS},
+        "line 3, column 'date': found '1997-05-31*', expected a date"),
+    "a date in another notation": (
+        read_weights, "date,Oil,Food,Tech\n31.05.1997,1,0,0\n1997-06-30,1,0,0\n1997-07-31,1,0,0\n", {"assets": ASSETS},
+        "line 2, column 'date': found '31.05.1997', expected a date"),
     "an amount in words": (read_holdings, "asset,value\nOil,ten\n", {"assets": ASSETS}, "expected an amount"),
     "an amount in euros and cents": (read_holdings, 'asset,value\nOil,"1.234,50"\n', {"assets": ASSETS}, "expected an amount"),
     "a date that comes late": (read_holdings, "asset,date,value\nOil,2020-01-31,1\n", {"assets": ASSETS}, "must come first"),
@@ -619,3 +625,12 @@ def test_labels_of_models_are_those_of_tables_however_accents_are_spelt(tmp_path
         assert read_weights(weights, assets=each.assets).frame.columns[0] == "Öl"
     capped = investor_of(saved, LimitsPart(max_weight={apart: 0.1})).problem.constraints
     assert "Öl <= 0.1" in capped.names
+
+
+@pytest.mark.parametrize(
+    "labels", ["2020Q1 2020Q2 2020Q3", "Fund-2020 Fund-2021 2020-01", "10107 14593 200001", "old 2020-01"]
+)
+def test_labels_that_are_no_dates_stay_text(tmp_path: Path, labels: str) -> None:
+    path = tmp_path / "weights.csv"
+    path.write_text("row,Oil,Food,Tech\n" + "".join(f"{each},1,0,0\n" for each in labels.split()))
+    assert read_weights(path, assets=ASSETS).frame.index.tolist() == labels.split()

@@ -68,7 +68,7 @@ def _warn_of_gaps(table: TextTable, days: Sequence[datetime]) -> None:
 
 
 def label_index(table: TextTable) -> pd.Index:
-    """Return the first column as dates if all cells are dates, else as text; labels must be nonblank and distinct."""
+    """Return the first column as dates if all cells are dates, as text if few are; labels must be nonblank and distinct."""
     labels: Sequence[Any] = row_labels(table)
     seen: dict[Any, int] = {}
     for row, label in enumerate(labels):
@@ -83,14 +83,20 @@ def label_index(table: TextTable) -> pd.Index:
 
 
 def row_labels(table: TextTable) -> Sequence[datetime] | Sequence[str]:
-    """Return the cells of the first column as dates if all are dates, else as text; labels of totals are refused."""
+    """Return the cells of the first column as dates if all are dates, as text if at most half are; else the odd one is refused.
+
+    Labels of totals are refused too.
+    """
     cells = [row[0] for row in table.rows]
     for row, label in enumerate(cells):
         if not label:
             raise InputError(f"{table.place(row, 0)}: missing (empty cell), expected a date or a label of the row")
         if label.casefold().rstrip(":") in _TOTALS:
             raise InputError(f"{table.place(row, 0)}: {shown(label)} is no row of its own: delete the line")
-    return _reading(table, increasing=False) or cells
+    days = _reading(table, increasing=False)
+    if days is None and 2 * sum(map(is_date, cells)) > len(cells):
+        raise _unreadable(table)
+    return days or cells
 
 
 def is_date(text: str) -> bool:
@@ -147,12 +153,10 @@ def unambiguous(text: str, name: str) -> str:
 
 
 def _unreadable(table: TextTable) -> InputError:
-    """Return the error for the first cell that the best notation cannot parse."""
+    """Return the error for the first cell that the notation of most cells cannot parse."""
     cells = [row[0] for row in table.rows]
-    stops = [
-        next((row for row, text in enumerate(cells) if notation(text) is None), len(cells)) for notation in _NOTATIONS
-    ]
-    row = max(stops)
+    best = max(_NOTATIONS, key=lambda notation: sum(notation(text) is not None for text in cells))
+    row = next(row for row, text in enumerate(cells) if best(text) is None)
     if is_missing(cells[row]):
         return InputError(f"{table.place(row, 0)}: date missing, {_EXPECTED}")
     return InputError(f"{table.place(row, 0)}: found {shown(cells[row])}, {_EXPECTED}")

@@ -264,8 +264,8 @@ def read_weights(path: PathLike, *, assets: Sequence[str], net: float | None = 1
 
     Args:
         path: The file. One column per asset, in any order, 0 for what is not held. The first column is the rows' label
-            if its name is not one of `assets` (dates are parsed if the whole column reads as dates, otherwise it is
-            kept as text); if it is an asset, rows are numbered from 0.
+            if its name is not one of `assets` (dates are parsed if the whole column reads as dates, it is kept as text if at
+            most half does, and otherwise refused); if it is an asset, rows are numbered from 0.
         assets: (U,) labels of the model's assets.
         net: What the weights of a row sum to; None: anything.
 
@@ -275,9 +275,9 @@ def read_weights(path: PathLike, *, assets: Sequence[str], net: float | None = 1
 
     Raises:
         InputError: With file, line and column: everything `read_returns` raises about files and cells, labels that are
-            blank or duplicated, assets that are missing or unknown (all listed), and rows that miss the sum `net` by more
-            than `tolerances.PUBLISHED_SUM` and than rounding explains: U half units of the last digit, at most
-            `tolerances.COARSEST_SUM`.
+            blank, duplicated or no date where most are, assets that are missing or unknown (all listed), and rows that miss the
+            sum `net` by more than `tolerances.PUBLISHED_SUM` and than rounding explains: U half units of the last digit, at
+            most `tolerances.COARSEST_SUM`.
 
     Cost: O(T U).
 

@@ -231,9 +231,9 @@ class FactorRisk(Risk):
             )
         moved = (rows - rows.mean(axis=0)) / np.sqrt(len(rows) - 1)
         variances = (moved**2).sum(axis=0)
-        spans = np.ptp(rows, axis=0)
-        if not spans.min() > 0.0:
-            j = int(spans.argmin())
+        constant = np.flatnonzero(validation.constant_columns(rows))
+        if constant.size:
+            j = int(constant[0])
             raise InputError(
                 f"returns of asset {assets.names[j] if assets.names else j} are constant: a factor model divides by the "
                 "variance of each asset; leave it out"

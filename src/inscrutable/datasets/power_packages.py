@@ -21,13 +21,9 @@ _LEAST_COLUMNS = {"bus": 5, "gen": 10, "branch": 11, "gencost": 5}
 _LINES, _CLOSED = ("lines", "transformers"), ("links", "stores", "storage_units", "processes", "global_constraints")
 _UNREAD = ("dcline", "vsc", "b2b_vsc", "bi_vsc", "tcsc", "xward")
 """Elements of pandapower that its conversion leaves out, or gives no cost."""
-_ERROR, _HINT = (
-    "OPF parameters",
-    (
-        "; generators and controllable loads, static generators and storage need min_p_mw, max_p_mw, min_q_mvar and max_q_mvar"
-    ),
-)
-"""pandapower's error for missing limits, which it names in its log alone, and what is needed."""
+_ERROR = "OPF parameters"
+"""From pandapower's error for missing limits, which it names in its log alone."""
+_HINT = "; generators and controllable loads, static generators and storage need min_p_mw, max_p_mw, min_q_mvar and max_q_mvar"
 
 
 def from_pandapower(net: Any, *, convention: Convention = "matpower") -> PowerNetwork:

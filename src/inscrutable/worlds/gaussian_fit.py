@@ -130,11 +130,11 @@ class FittedWorld(Summarised):
         """Why the fit is not usable: it collapsed, or has too many parameters for its data; else empty."""
         found = self.best
         shrunk = self.covariance == "sample" and self.n_columns > 1
-        fewer = [name for name, n in (("regimes", self.world.n_states), ("columns", self.n_columns)) if n > 1]
-        help_ = ["shrunk covariances (ledoit-wolf or factor:K)"] * shrunk + [f"fewer {' or '.join(fewer)}"] * bool(
-            fewer
+        fewer = " or ".join(
+            name for name, n in (("regimes", self.world.n_states), ("columns", self.n_columns)) if n > 1
         )
-        advice = f"{self.size}. Use {', '.join([*help_, 'or more rows'] if help_ else ['more rows'])}"
+        ways = ["shrunk covariances (ledoit-wolf or factor:K)"] * shrunk + [f"fewer {fewer}"] * bool(fewer)
+        advice = f"{self.size}. Use {', '.join([*ways, 'or more rows'] if ways else ['more rows'])}"
         if found.collapsed:
             rule = covariance_rule(self.covariance, self.n_rows, self.n_columns, self.world.n_states)
             where = ", ".join(f"{self.world.names[i]} on {found.weights[i]:.1f} observations" for i in found.collapsed)

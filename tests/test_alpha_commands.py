@@ -172,6 +172,19 @@ def test_months_that_are_remembered(capsys: pytest.CaptureFixture[str], folder: 
     assert (folder / "state").read_bytes() == before
 
 
+def test_a_world_in_another_order_gives_the_same_decisions(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    found = []
+    for order in ([0, 1, 2], [2, 0, 1]):
+        rates = np.diag([0.9, 0.5, 0.2])[np.ix_(order, order)]
+        named = {"states": [NAMES[k] for k in order], "transition": rates.tolist()}
+        sensor = {"public_sensor": [np.array([1.0, 0.5, 0.0])[order].tolist()], "public_noise": [[1e-4]]}
+        (folder / "W.json").write_text(json.dumps({**WORLD, **named, **sensor}), "utf-8")
+        code, out, err = run(capsys, folder, "--world", folder / "W.json", "--seed", 1, "--json")
+        assert code == 0, err
+        found.append(json.loads(out)["decisions"]["2020-01-31"])
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
+
+
 def test_a_period_that_repeats_or_is_missing_is_named(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     def published(date: str, *options: object) -> str:
         row = pd.DatetimeIndex([date], name="date")
@@ -324,6 +337,9 @@ def test_files_that_are_wrong_name_the_place(folder: Path) -> None:
         read_linear_world(file)
     file.write_text(json.dumps({**WORLD, "public_sensor": [[1.0, 0.0, 0.0]]}), "utf-8")
     with pytest.raises(InputError, match="go together"):
+        read_linear_world(file)
+    file.write_text(json.dumps({name: value for name, value in WORLD.items() if name != "states"}), "utf-8")
+    with pytest.raises(InputError, match="states: Field required"):
         read_linear_world(file)
     file.write_text("{", "utf-8")
     with pytest.raises(InputError, match="not JSON"):

@@ -61,7 +61,7 @@ class AlphaDecisionMaker:
         objective: "information" or "error".
         error_weights: Q, shape (k,k), positive semidefinite; None is the identity.
 
-    Labelled tables are aligned with the problem's signals.
+    Labelled tables and a world whose states are named are aligned with the problem's signals.
 
     Raises:
         InputError: An argument is malformed, the budget is a share but the silence regret is infinite, or there are both
@@ -375,12 +375,11 @@ def _checked_world(world: Any, problem: AlphaProblem) -> LinearGaussianWorld | N
         raise InputError(
             f"the world has {world.n_states} states, expected one per signal of the problem: {problem.n_signals}"
         )
-    if world.names is not None and problem.signal_names is not None and world.names != problem.signal_names:
-        raise InputError(
-            f"the world's states are named {world.names}, the problem's signals {problem.signal_names}; expected the same order"
-        )
     world.check_constant("a rule that stays the same")
-    return world
+    if world.names is None or problem.signal_names is None:
+        return world
+    order = Axis("signal", problem.signal_names).order(world.names, "world")
+    return world if order is None else world.in_order(order)
 
 
 def _start_of(world: LinearGaussianWorld | None, k: int) -> Array:

@@ -182,9 +182,9 @@ def _law(past: pd.DataFrame) -> LinearGaussianWorld:
 
 
 class LinearWorldFile(Section):
-    """A linear Gaussian world as JSON: matrices row by row, and names of the states in their order."""
+    """A linear Gaussian world as JSON: names of the states, and matrices row by row in their order."""
 
-    states: list[str] | None = None
+    states: list[str]
     transition: Matrix
     process: Matrix
     sensor: Matrix
@@ -194,7 +194,7 @@ class LinearWorldFile(Section):
 
 
 def read_linear_world(path: PathLike) -> LinearGaussianWorld:
-    """Read a world from a JSON file with the keys of `LinearGaussianWorld`'s arguments, and `states` for their names.
+    """Read a world from a JSON file with the keys of `LinearGaussianWorld`'s arguments, and `states`: their names in its order.
 
     The keys `public_sensor` and `public_noise` give the public sensor, both or neither.
 
@@ -212,12 +212,10 @@ def read_linear_world(path: PathLike) -> LinearGaussianWorld:
         raise InputError(f"{source}, {place}: {first['msg']}; got {shortened(first['input'])}") from None
     if (found.public_sensor is None) != (found.public_noise is None):
         raise InputError(f"{source}: public_sensor and public_noise go together, and one is missing")
-    transition: Any = found.transition
-    if found.states is not None:
-        names = pd.Index(found.states)
-        try:
-            transition = pd.DataFrame(found.transition, index=names, columns=names)
-        except ValueError as error:
-            raise InputError(f"{source}, states: {error}") from None
+    names = pd.Index(found.states)
+    try:
+        transition = pd.DataFrame(found.transition, index=names, columns=names)
+    except ValueError as error:
+        raise InputError(f"{source}, states: {error}") from None
     public: Any = None if found.public_sensor is None else (found.public_sensor, found.public_noise)
     return LinearGaussianWorld(transition, found.process, found.sensor, found.noise, public=public)

@@ -152,6 +152,24 @@ class LinearGaussianWorld:
         if self.n_steps is not None:
             raise ModelError(f"a world whose matrices change with time ({self.n_steps} steps) does not have {what}")
 
+    def in_order(self, order: Sequence[int]) -> LinearGaussianWorld:
+        """Return the same world with its states in another order, by their places in this one."""
+        both, columns = np.ix_(order, order), np.asarray(order)
+        given = None if self._given is None else (self._given.mean[columns], self._given.covariance[both])
+        public = self.public if not isinstance(self.public, tuple) else (self.public[0][:, columns], self.public[1])
+        found = LinearGaussianWorld(
+            self.transition[..., both[0], both[1]],
+            self.process[..., both[0], both[1]],
+            self.sensor[..., columns],
+            self.noise,
+            given,
+            public,
+        )
+        object.__setattr__(found, "names", None if self.names is None else tuple(self.names[k] for k in order))
+        object.__setattr__(found, "observation_names", self.observation_names)
+        object.__setattr__(found, "public_names", self.public_names)
+        return found
+
     def sample(self, n: int, *, rng: np.random.Generator) -> Trajectory:
         """Draw a path x_0..x_{n−1} with its observations, (n, states), (n,p) and (n,q), in O(n (states² + p²)).
 

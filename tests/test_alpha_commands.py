@@ -258,6 +258,7 @@ def test_months_with_what_everybody_reads(capsys: pytest.CaptureFixture[str], fo
         drawn = sequence.decide([0.03, 0.02, 0.01], rng=np.random.default_rng(month))
         sequence.publish(drawn)
         found = json.loads(out)
+        assert found["is_first_unread"] == (month == 0)
         expected = dict(zip(maker.problem.asset_names or (), drawn.action.tolist(), strict=True))
         assert found["decisions"]["2020-01-31"] == pytest.approx(expected)
         assert found["bits_so_far"] == pytest.approx(sequence.total_bits)

@@ -609,6 +609,50 @@ def test_the_first_steps_settle_to_the_long_run() -> None:
     np.testing.assert_allclose(maker.silence, covariance_now, atol=1e-9)
 
 
+FIRST = {
+    "stationary": ({}, 0.5),
+    "stationary, public": ({"public": ([[1.0]], [[0.1]])}, 0.5),
+    "given, public": ({"public": ([[1.0]], [[0.1]]), "initial": ([3.0], [[100.0]])}, 0.5),
+    "given": ({"initial": ([3.0], [[100.0]])}, 0.5),
+    "known": ({"initial": ([3.0], [[0.0]])}, 0.5),
+    "known, public": ({"public": ([[1.0]], [[0.1]]), "initial": ([3.0], [[0.0]])}, 0.5),
+    "walk": ({"initial": ([0.0], [[100.0]])}, Budget.regret(0.05)),
+}
+
+
+@pytest.mark.parametrize("name", FIRST)
+def test_the_first_steps_cost_what_is_stated_and_leave_what_the_observer_holds(
+    name: str, fresh_rng: np.random.Generator
+) -> None:
+    """The first decision cost fifteen times what was stated, beside a public sensor; a given law of the start was not read."""
+    given, budget = FIRST[name]
+    world = LinearGaussianWorld([[1.0 if name == "walk" else 0.9]], [[0.19]], [[1.0]], [[0.1]], **given)  # type: ignore[arg-type]
+    maker, steps, unseen = AlphaDecisionMaker(problem_of(np.eye(1)), budget, world=world), 3, 8
+    unseen = 0 if "initial" in given else unseen  # until the agent's filter is steady
+    n_paths = 3000 if audited() else 250
+    missed, seen, regrets, stated = [], [], [], np.zeros(steps)
+    for _ in range(n_paths):
+        drawn = world.sample(steps + unseen, rng=fresh_rng)
+        means = kalman_filter(world, drawn.observations, public=drawn.public).means[unseen:]
+        public = None if drawn.public is None else drawn.public[unseen:]
+        path = maker.decide_path(means, public=public, rng=fresh_rng)
+        missed.append((means - path.estimates)[:, 0])
+        seen.append(np.column_stack([path.estimates, path.estimates if public is None else public]))
+        regrets.append(path.regrets)
+    sequence = maker.begin()
+    for t in range(steps):
+        if t or world.public is not None:
+            sequence.observe(None if world.public is None else [0.0])
+        stated[t] = sequence.expected_regret
+        sequence.publish(sequence.decide([0.0], rng=fresh_rng))
+    spread = np.std(regrets, axis=0) / np.sqrt(n_paths)
+    assert (np.abs(np.mean(regrets, axis=0) - stated) <= 5.0 * spread + 1e-12).all()
+    for t in range(steps):
+        for known in (np.ones(n_paths), *np.array(seen)[:, : t + 1].reshape(n_paths, -1).T):
+            product = np.array(missed)[:, t] * known
+            assert abs(product.mean()) <= 5.0 * product.std() / np.sqrt(n_paths) + 1e-12
+
+
 def test_both_singular_is_reduced_to_what_is_reached() -> None:
     transition = np.diag([0.9, 0.0, 0.5])
     moves_one = LinearGaussianWorld(transition, np.diag([1.0, 0.0, 0.0]), np.eye(3)[:1], [[0.1]])

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from inscrutable import validation
 from inscrutable.alphas.error_law import law_between, root_of, sizes_of
 from inscrutable.alphas.factored_law import FactoredErrorLaw, least_information_of_factors, specific_ratio
+from inscrutable.alphas.first_steps import FirstSteps
 from inscrutable.alphas.observed import Moves
 from inscrutable.alphas.plans import (
     AlphaStatus,
@@ -32,8 +33,7 @@ from inscrutable.axes import Axis
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.errors import InputError, ModelError
 from inscrutable.validation import Array
-from inscrutable.worlds import LinearGaussianWorld, steady_filter
-from inscrutable.worlds.linear_gaussian import units_of
+from inscrutable.worlds import LinearGaussianWorld
 
 Objective = Literal["information", "error"]
 
@@ -55,9 +55,11 @@ class AlphaDecisionMaker:
             by public information alone. (With zero mean and no constraints it is also a share of E|c*|.) Over time, less than
             1e-14 of what one step's news are worth is lost in rounding and counts as 0.
         prior_covariance: S, public, shape (k,k), or a `FactorRisk` over the assets, squared units of m.
-        world: The public dynamics of the state m, which the agent estimates by the steady Kalman filter. Instead of
-            `prior_covariance`.
-        prior_mean: m̄, shape (k,); None is zero.
+        world: The public dynamics of the state, whose estimate m by the Kalman filter is private. With its `initial` the agent
+            begins to observe at the first decision; without, its filter is steady by then. Instead of `prior_covariance`.
+        prior_mean: m̄, shape (k,), the mean of the first m before any public observation; None is that of the world, else zero.
+            Where a world has neither `initial` nor a stationary law, its covariance is the one that past public observations
+            leave, or without these the rule's own; the first public observation is then not used.
         objective: "information" or "error".
         error_weights: Q, shape (k,k), positive semidefinite; None is the identity.
 
@@ -157,15 +159,21 @@ class AlphaDecisionMaker:
             assert self._prior is not None
             prior = self._prior.dense() if isinstance(self._prior, FactorRisk) else self._prior
             return Moves.private(np.zeros_like(prior), prior, sizes_of(prior))
-        steady = steady_filter(self.world)
-        return Moves(
-            np.asarray(self.world.transition),
-            steady.innovation_covariance,
-            steady.public_sensor,
-            steady.cross_covariance,
-            steady.public_covariance,
-            units_of(self.world.transition, self.world.process),
-        )
+        return self._first_steps.lasting
+
+    @cached_property
+    def _first_steps(self) -> FirstSteps:
+        assert self.world is not None
+        return FirstSteps(self.world)
+
+    def moves_into(self, step: int) -> Moves | None:
+        """The dynamics of the mean into a step of a world; into step 0 from `start_mean`, None where no law is given."""
+        return self._first_steps.into(step)
+
+    @cached_property
+    def has_long_run(self) -> bool:
+        """Whether the means have a stationary law."""
+        return self.world is None or self._first_steps.stationary is not None
 
     @cached_property
     def silence(self) -> Array | None:
@@ -325,8 +333,8 @@ class AlphaDecisionMaker:
 
         Args:
             means: m_t, shape (T,k).
-            public: (T,q), the public observation of each row where the world has a public sensor. The first row is not used:
-                the initial law contains it. Labelled rows are aligned with those of `means`, columns with the world's.
+            public: (T,q), the public observation of each row where the world has a public sensor; each is read before the
+                row's decision. Labelled rows are aligned with those of `means`, columns with the world's.
             rng: The source of the draws.
 
         Raises:

@@ -95,11 +95,10 @@ class PreparedAlphas(Protocol):
 
     @property
     def moves(self) -> Moves:
-        """The dynamics of the mean."""
+        """The dynamics of the mean in the long run."""
 
-    @property
-    def silence(self) -> Array | None:
-        """Covariance of the mean for an observer who sees no decision."""
+    def moves_into(self, step: int) -> Moves | None:
+        """The dynamics of the mean into a step; into step 0 from `start_mean`, None where no law is given."""
 
     @property
     def theta(self) -> Array:
@@ -110,10 +109,10 @@ class AlphaSequence(KeptInFile):
     """A sequence of decisions about a private mean; `AlphaDecisionMaker.begin` makes it.
 
     At every step `decide` draws a decision, any number of times; `publish` records the published one. `observe`, or the next
-    `decide`, ends the step; `observe` takes the public observation of a world with a public sensor. The law of a decision given
-    the mean is the same at every step. The observer's covariance starts at the silent one where that exists, else at the rule's
-    own, and converges to the latter. With a trading cost the first trade starts from the decision of least risk, which is zero
-    without a budget.
+    `decide`, ends the step. In a world with a public sensor every step begins with `observe` and its public observation; at the
+    first step it may be left out, and that step's figures are then of an observer who has not read it. The law of a decision
+    given the mean is the same at every step. The observer's covariance starts at that of the first mean and converges to the
+    rule's own. With a trading cost the first trade starts from the decision of least risk, which is zero without a budget.
 
     Example:
         >>> from inscrutable.alphas.decision_maker import AlphaDecisionMaker
@@ -134,9 +133,9 @@ class AlphaSequence(KeptInFile):
         if not self._is_fresh:
             assert isinstance(self._law, ErrorLaw)
             self._sensor = self._law.sensor()
-            if maker.silence is not None:
-                self._law = after_sensor(root_of(maker.silence, maker.moves.units), *self._sensor)
-        self._published = False
+            first = maker.moves_into(0)
+            self._law = self._plan.law if first is None else self._law_of(first.innovation)
+        self._published = self._has_read = False
         self.latest: Array | None = None
         self.periods: tuple[str, ...] = ()  # of the published decisions, as far as the caller adds them
         self.n_published = self.n_steps = 0
@@ -224,9 +223,10 @@ class AlphaSequence(KeptInFile):
         self._published = True
 
     def observe(self, public: ArrayLike | None = None) -> None:
-        """End the step with the public observation `public`, (q,), labels aligned: None where the world has no public sensor.
+        """Begin the next step with its public observation `public`, (q,), labels aligned: None without a public sensor.
 
-        Without a decision before it, the step ends without one.
+        With a public sensor the first call gives the observation of the first step, if no decision is published. Otherwise, a
+        step without a decision ends without one.
 
         Raises:
             InputError: The public observation is missing, not expected or of another length.
@@ -240,33 +240,56 @@ class AlphaSequence(KeptInFile):
         )
         if len(read) != count:
             raise InputError(f"public has {len(read)} entries, expected {count}")
-        self._pass(read)
+        if count and not (self._has_read or self._published or self.n_steps):
+            self._read_first(read)
+        else:
+            self._pass(read)
+
+    def _read_first(self, read: Array) -> None:
+        self._has_read, first = True, self._maker.moves_into(0)
+        if first is not None:
+            known = np.zeros_like(first.innovation)
+            self.mean = self.mean + first.gain(known) @ (read - first.public_sensor @ self.mean)
+            self._law = self._law_of(first.predicted(known)[0])
 
     def _pass(self, read: Array) -> None:
-        self.n_steps += 1
         law, error = self._next_law(), self._error()
+        self.n_steps += 1
         self._published, self._law = False, law
         if self._is_fresh:
             self.mean = np.array(self._maker.start_mean)
             return
-        moves = self._maker.moves
+        moves = self._moves_into(self.n_steps)
         self.mean = moves.transition @ self.mean + moves.gain(error) @ (read - moves.public_sensor @ self.mean)
+
+    def _moves_into(self, step: int) -> Moves:
+        found = self._maker.moves_into(step)
+        assert found is not None  # known after step 0
+        return found
 
     def _error(self) -> Array:
         """The observer's error covariance at the end of the step, (k,k)."""
         return np.asarray(self._law.covariance if self._published else self._law.before)
 
+    def _law_of(self, before: Array) -> ErrorLaw:
+        """The law of a step with the covariance P before its decision."""
+        assert self._sensor is not None
+        return after_sensor(root_of(before, self._maker.moves.units), *self._sensor)
+
     def _next_law(self) -> Any:
         """Return the law of the next step: its public observation changes the mean, not the covariances."""
-        if self._is_fresh or (self._published and self._is_settled):
+        if self._is_fresh:
             return self._law
-        assert self._sensor is not None
-        before, _ = self._maker.moves.predicted(self._error())
+        moves = self._moves_into(self.n_steps + 1)
+        is_steady = moves is self._maker.moves
+        if is_steady and self._published and self._is_settled:
+            return self._law
+        before, _ = moves.predicted(self._error())
         lasting = self._plan.law.before  # type: ignore[union-attr]
         size = np.sqrt(np.diag(lasting))
         size[size == 0.0] = size.max()
         near = np.abs(before - lasting) <= tolerances.SETTLED * np.outer(size, size)
-        return self._plan.law if near.all() else after_sensor(root_of(before, self._maker.moves.units), *self._sensor)
+        return self._plan.law if is_steady and near.all() else self._law_of(before)
 
     def _now(self) -> None:
         if self._published:
@@ -286,7 +309,7 @@ class AlphaSequence(KeptInFile):
             raise InputError(f"public has {len(read)} rows, expected one per mean: {len(held)}")
         drawn, before, bits = [], [], []
         for t, mean in enumerate(held):
-            if t:
+            if t or read is not None:
                 self.observe(None if read is None else read[t])
             before.append(self.mean)
             bits.append(self.expected_bits)
@@ -311,7 +334,7 @@ class AlphaSequence(KeptInFile):
         self._locked(path)
         AlphaState(
             self._signature(), self.mean, self._kept(), self._published, self.n_published, self.n_steps,
-            self.total_regret, self.total_bits, self.latest, self.periods,
+            self.total_regret, self.total_bits, self.latest, self.periods, self._has_read,
         ).save(path)  # fmt: skip
 
     def load(self, path: PathLike) -> Self:
@@ -324,9 +347,11 @@ class AlphaSequence(KeptInFile):
         self.mean, self.latest, self._published = np.array(found.mean), found.latest, found.is_published
         self.n_published, self.n_steps = found.n_published, found.n_steps
         self.total_regret, self.total_bits, self.periods = found.regret, found.bits, found.periods
-        if found.before is not None and self._sensor is not None:
-            self._law = after_sensor(root_of(found.before, self._maker.moves.units), *self._sensor)
-        elif not self._is_fresh:
+        self._has_read = found.has_read
+        is_begun = found.has_read or found.is_published or found.n_steps > 0
+        if is_begun and found.before is not None and not self._is_fresh:
+            self._law = self._law_of(found.before)
+        elif is_begun and not self._is_fresh:
             self._law = self._plan.law
         return self
 

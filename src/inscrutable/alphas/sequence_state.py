@@ -33,6 +33,7 @@ class AlphaState(Saved):
         bits: Total bits that they leaked, by the observer's law.
         latest: The last decision, (n,), or None.
         periods: Dates of the decisions, such as "2024-03-31", ascending; without those that had none.
+        has_read: Whether the first step's public observation is read.
         version: Version of the file.
     """
 
@@ -46,6 +47,7 @@ class AlphaState(Saved):
     bits: float
     latest: Array | None = None
     periods: tuple[str, ...] = ()
+    has_read: bool = False
     version: int = VERSION
 
     def __post_init__(self) -> None:

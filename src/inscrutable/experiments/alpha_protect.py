@@ -60,6 +60,7 @@ class ProtectedAlphas:
         date: Date of the last recorded decision, such as "2024-03-31"; None where no date is recorded.
         decided: The date of the decision recorded before, where `alphas` are not of a later period.
         gaps: Months without a decision between the recorded ones, as text; empty if none.
+        is_unread: Whether the first decision was drawn without the public observation of its row.
     """
 
     maker: AlphaDecisionMaker
@@ -73,6 +74,7 @@ class ProtectedAlphas:
     date: str | None = None
     decided: str | None = None
     gaps: str = ""
+    is_unread: bool = False
 
     def table(self) -> pd.DataFrame:
         """Return the drawn decisions, one row each, by the assets' names."""
@@ -99,6 +101,7 @@ class ProtectedAlphas:
             "bits_so_far": self.told,
             "last_date": self.date,
             "gaps": self.gaps,
+            "is_first_unread": self.is_unread,
             "farthest_alpha": self.farthest if np.isfinite(self.farthest) else None,
         }
 
@@ -139,6 +142,11 @@ class ProtectedAlphas:
             )
         if self.gaps:
             lines.append(f"Caution: {self.gaps}.")
+        if self.is_unread:
+            lines.append(
+                "Caution: the first decision was drawn without the public observation of its row. Its regret and bits are "
+                "those of an observer who has not read it."
+            )
         if self.farthest > _FAR:
             lines.append(
                 f"Caution: these alphas lie up to {self.farthest:.3g} standard deviations from the mean of their public law. "
@@ -166,8 +174,8 @@ def protect_alphas(
         state: The file of the sequence so far, created if missing; each run takes one row. Where its label is a date, the file
             keeps it, and the summary names repeated and missing periods. None: the rows are one whole sequence, and all
             decisions are drawn.
-        public: The public observation of each row, (T,q), with the same row labels, where the world has a public sensor. The
-            first one is not used: the initial law contains it.
+        public: The public observation of each row, (T,q), with the same row labels, where the world has a public sensor; each
+            is read before the row's decision. The first one may be left out, with a caution in the summary.
         publish: With `state`: draw once and record; otherwise nothing is drawn.
         rng: The source of the draws; None: the operating system's entropy, because a known seed reveals the draw.
 
@@ -191,7 +199,7 @@ def protect_alphas(
     drawn, decided, date = [], None, _date_of(alphas.index)
     if state is None:
         for step, mean in enumerate(means):
-            if step:
+            if step or read is not None:
                 sequence.observe(None if read is None else read[step])
             drawn.append(sequence.decide(mean, rng=source))
             sequence.publish(drawn[-1])
@@ -209,7 +217,7 @@ def protect_alphas(
                 is_later = last is None or date > last
                 decided = None if is_later and not crowded_months(_days(dated)) else last
                 sequence.periods = dated if publish and is_later else sequence.periods
-            if read is not None and sequence.n_published:
+            if read is not None:
                 sequence.observe(read[0])
             elif publish and sequence.n_published:
                 _need_public(maker)
@@ -232,6 +240,7 @@ def protect_alphas(
         sequence.periods[-1] if sequence.periods else None,
         decided,
         missing_steps(_days(sequence.periods)),
+        bool(drawn) and read is None and maker.world is not None and maker.world.public is not None,
     )
 
 

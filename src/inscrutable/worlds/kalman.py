@@ -174,7 +174,12 @@ def steady_filter(world: LinearGaussianWorld) -> SteadyFilter:
     """
     world.check_constant("a steady filter")
     (sensor, noise), move = world.agents_sensor(0), world.transition
-    predicted = _riccati(move, world.process, sensor, noise)
+    return filter_at(world, _riccati(move, world.process, sensor, noise), move)
+
+
+def filter_at(world: LinearGaussianWorld, predicted: Array, move: Array) -> SteadyFilter:
+    """Return the filter of one step, for a prediction with the error covariance `predicted` that was moved by `move`."""
+    sensor, noise = world.agents_sensor(0)
     read = _symmetric(sensor @ predicted @ sensor.T + noise)
     gain = _gain(predicted, sensor, noise)
     covariance = _joseph(predicted, gain, sensor, noise)

@@ -147,6 +147,11 @@ class LinearGaussianWorld:
         scaled = solve_discrete_lyapunov(self.transition * units / units[:, None], self.process / both)
         return _symmetric(np.asarray(scaled) * both)
 
+    @property
+    def is_begun(self) -> bool:
+        """Whether the law of x_0 is given."""
+        return self._given is not None
+
     def check_constant(self, what: str) -> None:
         """Raise `ModelError` where matrices change with time, so that `what` does not exist."""
         if self.n_steps is not None:

@@ -893,6 +893,23 @@ def test_under_limits_the_long_run_does_not_depend_on_the_start(fresh_rng: np.ra
     assert within(regrets, grown[1].simulated_regret.mean)
 
 
+def test_under_limits_the_public_mean_moves(fresh_rng: np.random.Generator) -> None:
+    """It was held at zero: within these limits the stated regret was five times the real one."""
+    world = LinearGaussianWorld([[0.95]], [[1.0 - 0.95**2]], [[1.0]], [[0.05]], public=([[1.0]], [[0.1]]))
+    problem, n_steps = AlphaProblem([[1.0]], 0.5, box([-0.2], [0.2])), 4000 if audited() else 1500
+    grown = AlphaDecisionMaker(problem, 0.5, world=world).under_limits(rng=np.random.default_rng(0))
+    path = world.sample(n_steps, rng=fresh_rng)
+    means = kalman_filter(world, path.observations, public=path.public).means
+    regrets = grown.decide_path(means, public=path.public, rng=fresh_rng).regrets[100:]
+    stated, batches = grown.simulated_regret, regrets.reshape(-1, 100).mean(axis=1)
+    assert stated is not None
+    spread = np.hypot(batches.std(ddof=1) / np.sqrt(len(batches)), stated.standard_error)
+    assert abs(regrets.mean() - stated.mean) <= 5.0 * spread
+    walk = LinearGaussianWorld([[1.0]], [[1.0]], [[1.0]], [[1.0]], public=([[1.0]], [[1.0]]))
+    with pytest.raises(InputError, match="no stationary law to draw them from"):
+        AlphaDecisionMaker(problem, 0.5, world=walk).under_limits(rng=fresh_rng)
+
+
 def test_under_limits_the_regret_is_simulated_without_a_budget_and_where_silence_is_free() -> None:
     for mean in (0.0, 5.0):
         for budget in (Budget.regret(0.0), Budget.relative(0.0), Budget.relative(0.5)):

@@ -263,17 +263,18 @@ class AlphaDecisionMaker:
     def under_limits(self, *, draws: int = 1000, rng: np.random.Generator) -> AlphaDecisionMaker:
         """Return the rule that spends the budget under inequalities, where it costs less than tr(ΘE), by simulation.
 
-        Formula: means are drawn from the observer's law without decisions, with a world that of the long run, whose mean is
-        zero; estimates from the rule's. E grows until the mean regret equals the budget. A share refers to the cost of the
-        constant decision under the inequalities. `simulated_regret` of the returned rule has the mean and its standard error;
-        `regret` is tr(ΘE), an upper bound.
+        Formula: means are drawn from the observer's law without decisions, estimates from the rule's. With a world it is the
+        law of the long run, whose mean is zero; with a public sensor that mean is drawn as well, as it follows the public
+        observations. E grows until the mean regret equals the budget. A share refers to the cost of the optimum for that mean
+        under the inequalities. `simulated_regret` of the returned rule has the mean and its standard error; `regret` is
+        tr(ΘE), an upper bound.
 
         Args:
             draws: Number of means drawn, at least 2; every E uses the same draws.
             rng: Source of the draws. Their law is public, so a public seed reveals nothing.
 
         Raises:
-            InputError: The problem has no inequalities, or the silence regret is infinite.
+            InputError: The problem has no inequalities, or the world no stationary law.
             SolverError: No E spends the budget.
 
         Cost: about ten times that of the rule, and about ten times `draws` decisions.
@@ -289,13 +290,10 @@ class AlphaDecisionMaker:
         many, source = validation.count(draws, "draws", least=2), validation.generator(rng)
         if not self.problem.has_inequalities:
             raise InputError("the problem has no inequalities: its rule spends the budget as it is")
-        prior = self._prior if self.world is None else self.silence
-        if prior is None:
-            raise InputError("silence costs without end, so that there is no law to draw means from")
-        means, noise = drawn_means(prior, many, source), source.integers(2**63)
-        centre = self.start_mean if self.world is None else np.zeros_like(self.start_mean)
+        centre, means = self._drawn(many, source)
+        noise = source.integers(2**63)
         regrets = regrets_of(self.problem, centre + means)
-        silent = mean_of(regrets(np.broadcast_to(centre, means.shape)))
+        silent = mean_of(regrets(centre))
         target = self.budget.amount * (silent.mean if self.budget.is_relative else 1.0)
 
         def cost(limit: float) -> SimulatedRegret:
@@ -310,6 +308,23 @@ class AlphaDecisionMaker:
         grown = self._spending(limit)
         grown.simulated_regret = found._replace(silence=silent.mean)
         return grown
+
+    def _drawn(self, draws: int, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Draw the observer's means without decisions, and how far the private ones lie from them, shapes (draws,k)."""
+        if self.world is None:
+            assert self._prior is not None
+            means = drawn_means(self._prior, draws, rng)
+            return np.broadcast_to(self.start_mean, means.shape), means
+        silence, stationary = self.silence, self._first_steps.stationary
+        if silence is None or stationary is None:
+            raise InputError(
+                "the means have no stationary law to draw them from: the largest eigenvalue of transition has modulus "
+                f"{self.moves.radius:.10g}, expected less than 1"
+            )
+        means = drawn_means(silence, draws, rng)
+        if self.world.public is None:
+            return np.zeros_like(means), means
+        return drawn_means(stationary - silence, draws, rng), means
 
     def _spending(self, limit: float) -> AlphaDecisionMaker:
         """Return the same decision maker with another limit on tr(ΘE)."""

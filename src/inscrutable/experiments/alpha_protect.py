@@ -33,11 +33,11 @@ _DRAWS, _FEWER_DRAWS = 1000, 200
 def within_limits(maker: AlphaDecisionMaker) -> AlphaDecisionMaker:
     """Return the rule that spends the budget under inequalities; other rules unchanged.
 
-    See `AlphaDecisionMaker.under_limits`. Where the silence regret is infinite, the rule is unchanged and spends at most the
+    See `AlphaDecisionMaker.under_limits`. Where the alphas have no stationary law, the rule is unchanged and spends at most the
     budget.
     """
     problem = maker.problem
-    if not problem.has_inequalities or not np.isfinite(maker.silence_regret):
+    if not problem.has_inequalities or not maker.has_long_run:
         return maker
     draws = _DRAWS if problem.n_assets <= _MANY_ASSETS else _FEWER_DRAWS
     return maker.under_limits(draws=draws, rng=np.random.default_rng(_SEED))
@@ -115,9 +115,9 @@ class ProtectedAlphas:
                 "The limits make hiding cheaper, so the rule hides more: its simulated regret, "
                 f"{simulated.mean:.4g} ± {simulated.standard_error:.2g} per step, equals the budget."
             )
-        elif most and not np.isfinite(maker.silence_regret):
+        elif most and not maker.has_long_run:
             lines.append(
-                "The limits make hiding cheaper, but the silence regret is infinite: the budget is not spent in full."
+                "The limits make hiding cheaper, but the alphas have no stationary law: the budget is not spent in full."
             )
         lines.append(
             f"The next decision costs {most}{self.expected[0]:.4g} on average and leaks {most}{self.expected[1]:.4f} bits."

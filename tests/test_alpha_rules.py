@@ -1020,6 +1020,7 @@ def test_a_sequence_goes_on_for_the_same_decisions_alone(tmp_path: object, chang
 
     one, same = begun(1.0, 1.0), begun(1.0, 1.0)
     sequence = one.begin()
+    sequence.observe([1.0])
     sequence.save(path)
     sequence.close()
     other = begun(2.0, 1.0) if changed == "unit of what is public" else begun(1.0, 3.0)
@@ -1027,7 +1028,37 @@ def test_a_sequence_goes_on_for_the_same_decisions_alone(tmp_path: object, chang
     assert other.regret == pytest.approx(one.regret, rel=1e-9)
     with pytest.raises(InputError, match="is of another rule"):
         other.begin().load(path)
-    same.begin().load(path).close()
+    resumed = same.begin().load(path)
+    resumed.close()
+    for each in (sequence, resumed):
+        each.publish(each.decide([1.0, 0.0], rng=np.random.default_rng(0)))
+        each.observe([2.0])  # of the second step: the first one's is read
+    np.testing.assert_allclose(resumed.mean, sequence.mean, rtol=1e-12)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-3, 1e-6, 1e4])
+def test_the_largest_error_says_which_directions_it_reveals_exactly(unit: float, tmp_path: object) -> None:
+    """Their bits were rounding, 23 to 32 by the unit, and a file was refused after a change in the last digit."""
+    risk = [[2.0, 0.3, 0.1], [0.3, 1.0, 0.2], [0.1, 0.2, 0.7]]
+    spread, eye = np.array([[1.0, 0.2, 0.0], [0.2, 0.5, 0.1], [0.0, 0.1, 0.8]]), np.eye(3)
+    made = [
+        AlphaDecisionMaker(
+            AlphaProblem(risk, 2.0),
+            0.5,
+            world=LinearGaussianWorld(
+                np.diag([0.9, 0.5, -0.3]), digit * unit**2 * spread, eye[:2], unit**2 * np.eye(2)
+            ),
+            objective="error",
+        )
+        for digit in 1.0 + 4.0 * np.finfo(float).eps * np.arange(3)
+    ]
+    assert [each.bits for each in made] == [np.inf] * 3
+    assert made[0].error == pytest.approx(2.76893864 * unit**2, rel=1e-7)
+    sequence = made[0].begin()
+    sequence.save(f"{tmp_path}/state")
+    sequence.close()
+    for each in made:
+        each.begin().load(f"{tmp_path}/state").close()
 
 
 def test_no_regret_above_the_limit_where_a_prediction_has_no_variance_in_some_direction() -> None:

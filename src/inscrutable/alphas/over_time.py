@@ -19,7 +19,7 @@ with public observations.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -223,8 +223,21 @@ def _most_error_inside(moves: Moves, theta: Array, weights: Array, limit: float)
     if silence is not None:  # the part of the limit that the method leaves unspent
         error = error + (silence - error) * max(limit - regret, 0.0) / (float(np.sum(theta * silence)) - regret)
     law = law_between(root_of(moves.predicted(error)[0]), error)
+    lost = _lost_in_accuracy(law, theta / limit, weights / found.value)
+    if lost.any():
+        error = replace(law, shares=np.where(lost, 0.0, law.shares)).covariance
+        law = law_between(root_of(moves.predicted(error)[0]), error)
     value = law.weighed(weights)
     return LongRun(law, law.weighed(theta), value, max(bound, value))
+
+
+def _lost_in_accuracy(law: ErrorLaw, *weights: Array) -> np.ndarray:
+    """Return which shares are as good as zero: of their variance, and in tr(weights E), where the whole is about one.
+
+    The barrier method ends at a small positive share where the optimum reveals a direction exactly.
+    """
+    sizes = [((each @ law.basis) * law.basis).sum(axis=0) for each in weights]
+    return np.asarray(law.shares * np.max([np.ones(len(law.shares)), *sizes], axis=0) <= tolerances.SAME_RULE)
 
 
 def _by_prices(moves: Moves, theta: Array, weights: Array, limit: float) -> LongRun:

@@ -360,9 +360,9 @@ class AlphaSequence(KeptInFile):
         return None if self._is_settled else self._law.before
 
     def _signature(self) -> tuple[Array, ...]:
-        """Return what identifies the rule: the problem, the law of the means, its regret and its leakage."""
+        """Return what identifies the rule: the problem, the law of the means, its regret and the error it leaves."""
         plan, start = self._plan, self._maker.start_mean
-        common = (*arrays_of(self._problem), start, np.array([plan.regret, plan.bits, plan.error]))
+        common = (*arrays_of(self._problem), start, np.array([plan.regret, plan.error]))
         if self._is_fresh and not isinstance(plan.law, ErrorLaw):
             return *common, plan.law.diagonal(before=True), plan.law.diagonal()
         moves = self._maker.moves

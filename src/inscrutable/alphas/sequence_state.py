@@ -65,7 +65,7 @@ class AlphaState(Saved):
 
     def checked(self, rule: tuple[Array, ...], path: PathLike) -> AlphaState:
         """Return this state, or raise `InputError` where `rule` differs from the file's."""
-        same = len(rule) == len(self.rule) and all(map(_agree, rule, self.rule))
+        same = len(rule) == len(self.rule) and all(map(_agree, rule, map(_without_bits, rule, self.rule)))
         if not same:
             raise InputError(
                 f"{path} cannot be continued: it is of another rule (another law of the means, risk, risk aversion, "
@@ -92,6 +92,11 @@ def arrays_of(problem: AlphaProblem) -> tuple[Array, ...]:
         *(() if layout is None else (layout.lower, layout.upper, layout.general, layout.sides)),
         *(() if layout is None else (layout.equalities, layout.equality_sides)),
     )
+
+
+def _without_bits(rule: Array, held: Array) -> Array:
+    """Older files have the bits between regret and error; those of a direction that is revealed exactly may be rounding."""
+    return held[[0, 2]] if (rule.shape, held.shape) == ((2,), (3,)) else held
 
 
 def _agree(one: Array, other: Array) -> bool:

@@ -11,11 +11,12 @@ from inscrutable import MarkowitzProblem, MaximalObfuscation, NonExistence, acti
 from inscrutable.decision_makers.envelope import (
     RatedPoints,
     best_mixture,
+    best_mixtures,
     concave_envelope,
     mixture_by_linear_programme,
     undominated,
 )
-from inscrutable.errors import InputError
+from inscrutable.errors import InputError, SolverError
 from oracles import enumeration, markets
 from sizes import instances
 from strategies import SEEDS, belief_problem, drawn_problems
@@ -178,6 +179,11 @@ def test_the_frontier_of_an_indicator_is_a_step():
     assert frontier.randomized(0.009) == -np.inf
     assert frontier.deterministic(0.0105) == 0  # margin²/4 = .01, and the grid's spacing
     assert frontier.price(0.5) == 0
+
+
+def test_a_row_without_an_allowed_decision_is_refused():
+    with pytest.raises(SolverError, match="not even its optimal one"):
+        best_mixtures(np.eye(2), np.eye(2), np.ones(2), np.array([[True, True], [False, False]]))
 
 
 def test_the_frontier_refuses_many_beliefs_and_negative_regrets():

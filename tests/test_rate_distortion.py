@@ -250,6 +250,17 @@ def test_candidates_that_cannot_meet_the_budget_are_joined_by_optimal_decisions(
     assert prior.weights @ found.mechanism.expected_regrets <= 1e-12
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_costs_that_cancel_keep_budget_and_cap(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    beliefs, common = rng.dirichlet(np.ones(3), size=4), 1e4 * rng.normal(size=3)
+    common -= common @ beliefs[0]
+    problem = FiniteProblem(1e-3 * rng.normal(size=(3, 4)) + common[:, None])
+    none, prior = Budget.regret(0.0), Prior(beliefs, np.full(4, 0.25))
+    found = RateDistortionDecisionMaker(problem, none, prior=prior, worst_regret=none, candidates=np.eye(4))
+    assert found.mechanism.expected_regrets.max() == 0.0
+
+
 @pytest.mark.parametrize("share", [0.0, 0.1])
 def test_one_belief_leaks_nothing(share: float) -> None:
     problem, _, candidates = market(0)

@@ -270,6 +270,18 @@ def test_one_belief_has_nothing_to_hide() -> None:
     found = StackelbergDecisionMaker(problem, 0.1, prior=Prior([[0.2, 0.3, 0.5]], [1.0]), candidates=candidates)
     assert found.value == pytest.approx(0.0, abs=1e-15)
     assert found.gap == 0.0
+    rounded = Prior([[0.777, 0.223]], [1.0 - 2.0**-53])  # the value is 0, the bound the square of a rounding
+    assert StackelbergDecisionMaker(FiniteProblem(np.eye(2)), 0.1, prior=rounded).gap == 0.0
+
+
+def test_the_optimal_decision_is_allowed_where_its_costs_cancel() -> None:
+    """The first choice wins or loses: at the first belief its cost is 0, but computed from its parts 1e-17."""
+    problem = FiniteProblem([[-0.2, 0.3], [-0.1, 0.3], [0.1, 0.3]])
+    beliefs = np.array([[0.2, 0.2, 0.6], [0.6, 0.2, 0.2], [0.1, 0.1, 0.8]])
+    within = StackelbergDecisionMaker(problem, 0.1, prior=Prior(beliefs, [0.4, 0.3, 0.3]), worst_regret=0.1)
+    assert within.mechanism.expected_regrets.max() == 0.0
+    beyond = StackelbergDecisionMaker(problem, 0.1, prior=Prior(beliefs[1:], [0.5, 0.5]), worst_regret=0.1)
+    assert beyond.decide_many(beliefs[:1]).regrets.max() == 0.0
 
 
 def test_a_decision_written_twice_changes_nothing() -> None:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
+from inscrutable.errors import SolverError
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.validation import Array
 
@@ -96,6 +97,8 @@ def best_mixtures(regrets: Array, gains: Array, limits: Array, allowed: np.ndarr
         regrets = np.where(allowed, regrets, np.inf)
     rows = np.arange(len(limits))
     cheap = regrets.argmin(axis=1)
+    if not np.isfinite(regrets[rows, cheap]).all():
+        raise SolverError("no decision is allowed for one of the beliefs, not even its optimal one")
     # Of equal gains the cheapest.
     dear = np.where(gains >= _almost(gains.max(axis=1, keepdims=True)), regrets, np.inf).argmin(axis=1)
     # Regrets relative to the limit: between points of almost equal regret the price is huge, the value at the limit is not.
@@ -112,7 +115,8 @@ def best_mixtures(regrets: Array, gains: Array, limits: Array, allowed: np.ndarr
         reduced = gains[left] - price[:, None] * beyond[left]
         best = reduced.argmax(axis=1)
         reached = gains[left, low] - price * beyond[left, low]
-        met = reduced[np.arange(left.size), best] <= reached + tolerances.ENVELOPE * (1.0 + np.abs(reached))
+        # Negated, so that no number that is none goes on for ever.
+        met = ~(reduced[np.arange(left.size), best] > reached + tolerances.ENVELOPE * (1.0 + np.abs(reached)))
         prices[left], values[left] = price, reached
         over = regrets[left, best] > limits[left]
         dear[left[~met & over]] = best[~met & over]

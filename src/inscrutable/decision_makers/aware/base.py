@@ -124,7 +124,7 @@ class AwareDecisionMaker(Described, ABC, Generic[Solution]):
     def _table(self, columns: Columns) -> PriorTable:
         beliefs = self.prior.beliefs
         costs = np.asarray(self.problem.optimal_cost(beliefs))
-        regrets = columns.regrets(beliefs, costs)
+        regrets = columns.clear_regrets(beliefs, costs)
         return PriorTable(columns, costs, regrets, allowed_places(regrets, self.options.worst_regret, costs))
 
 

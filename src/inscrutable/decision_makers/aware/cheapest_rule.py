@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.budgets import Budget
-from inscrutable.decision_makers.aware.columns import Columns, columns_of, lotteries, places_of, rounding_of
+from inscrutable.decision_makers.aware.columns import Columns, columns_of, lotteries, places_of
 from inscrutable.decision_makers.aware.guaranteed_programme import PlayedGame, Solved, cheapest_table, nearest_columns
 from inscrutable.decision_makers.aware.guarantees import Guarantee
 from inscrutable.decision_makers.candidate_sources import as_candidates, decoy_grid
@@ -211,8 +211,7 @@ class RegretSearch:
         given = _few_decoys(problem) if candidates is None else as_candidates(problem, candidates)
         self.columns = columns_of(problem, given, plausible_only).joined(np.vstack([beliefs, prior.mean]))
         self.optimal_costs = np.asarray(problem.optimal_cost(beliefs))
-        regrets = self.columns.regrets(beliefs, self.optimal_costs)
-        self.regrets = np.where(regrets > rounding_of(self.optimal_costs)[:, None], regrets, 0.0)
+        self.regrets = self.columns.clear_regrets(beliefs, self.optimal_costs)
         first = first_same(np.vstack([self.columns.points, problem.solve_points(beliefs)]))[len(self.columns) :]
         honest = np.bincount(first, weights=weights, minlength=len(self.columns)).astype(np.float64)
         self.game = PlayedGame(beliefs, weights, honest, nearest_columns(self.regrets))

@@ -37,6 +37,11 @@ class Columns:
         """Return ρ(π_b, u_m), shape (B,M)."""
         return np.asarray(np.maximum(beliefs @ self.found.costs.T - optimal_costs[:, None], 0.0))
 
+    def clear_regrets(self, beliefs: Array, optimal_costs: Array) -> Array:
+        """Return the same, 0 where it is rounding of an expected cost, whose terms may cancel."""
+        regrets = self.regrets(beliefs, optimal_costs)
+        return np.where(regrets > tolerances.NO_REGRET * (beliefs @ np.abs(self.found.costs).T), regrets, 0.0)
+
     def pick(self, which: np.ndarray) -> Columns:
         """Return some of them."""
         return Columns(self.problem, self.candidates, self.found.pick(which))

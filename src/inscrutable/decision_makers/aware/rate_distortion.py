@@ -45,11 +45,13 @@ class RateDistortionDecisionMaker(AwareDecisionMaker["_Solution"]):
         plausible_only: Whether candidates that no belief explains are left out.
         gap: Bits by which `rate` and `rate_bound` may differ.
         guarantees: Guarantees of the rule, as for `least_regret`; None is none. With guarantees the rule is found by linear
-            programmes with cuts, on about 60 decoys where no candidates are given, and decides for the prior's beliefs alone.
+            programmes with cuts, on about 60 decoys where no candidates are given, and decides for beliefs of positive prior
+            weight alone.
 
     Raises:
         InputError: An argument is malformed.
         ModelError: At first use: no rule gives the guarantees within the budget; which of them are in conflict.
+        SolverError: At first use: the budget lies between the least regret found under the guarantees and its bound.
 
     Cost: some hundreds of products with a table of B·M regrets. Source: Shannon's rate–distortion function; Blahut,
     Computation of Channel Capacity and Rate-Distortion Functions (IEEE Trans. IT 18, 1972), and its dual bound.
@@ -127,7 +129,7 @@ class RateDistortionDecisionMaker(AwareDecisionMaker["_Solution"]):
             shares = promised_rows(known.beliefs, known.probabilities, held)
             return lotteries(self._found.table.columns, held, costs, shares, self.status)
         columns, hidden = self._found.table.columns, self._found.hidden
-        regrets = columns.regrets(held, costs)
+        regrets = columns.clear_regrets(held, costs)
         allowed = allowed_places(regrets, self.options.worst_regret, costs)
         lost = np.zeros(len(held), dtype=bool)
         if allowed is not None:
@@ -137,7 +139,7 @@ class RateDistortionDecisionMaker(AwareDecisionMaker["_Solution"]):
         shares = _rows(regrets, allowed, hidden)
         if lost.any():  # none of the played decisions is allowed: the optimal decision is played
             columns = columns.joined(held[lost])
-            regrets = columns.regrets(held, costs)
+            regrets = columns.clear_regrets(held, costs)
             shares = np.hstack([shares, np.zeros((len(held), len(columns) - shares.shape[1]))])
             shares[lost] = 0.0
             shares[lost, regrets[lost].argmin(axis=1)] = 1.0
@@ -290,8 +292,7 @@ def _solution(prior: Prior, table: PriorTable, source: Source, hidden: Hidden, l
     shares = rows(source, hidden)
     # A belief of weight 0 does not enter the law, and the cap may forbid it all played decisions.
     lost = np.flatnonzero(shares.sum(axis=1) <= 0)
-    within = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
-    shares[lost, within[lost].argmin(axis=1)] = 1.0
+    shares[lost, table.regrets[lost].argmin(axis=1)] = 1.0
     used = np.flatnonzero((hidden.law > 0) | (shares[lost] > 0).any(axis=0))
     shares = without_small(shares[:, used], table.regrets[:, used])
     columns = table.columns.pick(used)

@@ -59,11 +59,13 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
             and candidate, and 0.01 above or with guarantees. With a loss both are counted from the loss at the known belief.
         loss: The observer's loss, instead of the square error ‖π − μ‖²: `NamingError()`, `RivalProblem(problem)`.
         guarantees: Guarantees of the rule, as for `least_regret`; None is none. With guarantees the rule is found by linear
-            programmes with cuts, on about 60 decoys where no candidates are given, and decides for the prior's beliefs alone.
+            programmes with cuts, on about 60 decoys where no candidates are given, and decides for beliefs of positive prior
+            weight alone.
 
     Raises:
         InputError: An argument is malformed.
         ModelError: At first use: no rule gives the guarantees within the budgets; which of them are in conflict.
+        SolverError: At first use: a budget lies between the least regret found under the guarantees and its bound.
 
     Cost: five to nine seconds for 500 beliefs and 2,000 candidates at 1 %, most where budgets are small; a tenth of one
     for 15,000 pairs at 1e-6.
@@ -114,7 +116,8 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
     def gap(self) -> float:
         """(bound − value) / bound, both counted from the loss at the known belief; zero where the bound is."""
         # Where the belief is worth nothing to the rival all of them are equal to rounding.
-        none = tolerances.NO_ERROR * max(self._found.prior_error, abs(self._found.least))
+        same = 0.0 if isinstance(self.loss, DecisionLoss) else tolerances.SAME_BELIEF**2
+        none = max(tolerances.NO_ERROR * max(self._found.prior_error, abs(self._found.least)), same)
         short = self.bound - self.value
         return 0.0 if short <= none else short / (self.bound - self._found.least)
 
@@ -163,7 +166,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
         """Columns and rows of best replies to the fixed estimates, each within its budget and the cap."""
         columns = self._found.columns
         limits = self.budget.limits(costs)
-        regrets = columns.regrets(beliefs, costs)
+        regrets = columns.clear_regrets(beliefs, costs)
         allowed = allowed_places(regrets, self.options.worst_regret, costs)
         least = regrets if allowed is None else np.where(allowed, regrets, np.inf)
         poor = np.flatnonzero(least.min(axis=1) > limits + rounding_of(costs))
@@ -171,7 +174,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
         gains = self._gains(beliefs)
         if poor.size:  # an optimal decision outside the mechanism is taken at face value: its error is 0
             columns = columns.joined(beliefs[poor])
-            regrets = columns.regrets(beliefs, costs)
+            regrets = columns.clear_regrets(beliefs, costs)
             own = np.zeros((len(beliefs), len(columns) - n_played), dtype=bool)
             own[poor] = True
             gains = np.hstack([gains, np.zeros(own.shape)])

@@ -141,7 +141,7 @@ def _cheapest(
 ) -> tuple[Array, np.ndarray | None, np.ndarray]:
     """Regrets of every value, which are allowed, and the decision played as each, shapes (T,C)."""
     regrets = columns.regrets(*beliefs)
-    allowed = allowed_places(regrets, cap, beliefs[1])
+    allowed = allowed_places(columns.clear_regrets(*beliefs), cap, beliefs[1])
     least, number = classes.cheapest(regrets)
     # A forbidden decision is dearer than every allowed one, so the cheapest is allowed if any is.
     return least, None if allowed is None else np.take_along_axis(allowed, number, axis=1), number

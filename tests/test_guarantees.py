@@ -353,6 +353,43 @@ def test_beliefs_without_weight_copies_and_single_decisions() -> None:
     assert certain.regret == 0.0
 
 
+@pytest.mark.parametrize("weight", [1e-9, 1e-11, 1e-13])
+@pytest.mark.parametrize("asked", [[], [MaximalLeakageCap(2.0)], [PointwiseLeakageCap(2.0)], [DetectabilityCap(0.0)]])
+def test_a_belief_of_tiny_weight_costs_no_more_than_its_weight(weight: float, asked: list[Guarantee]) -> None:
+    prior = Prior(np.eye(3), [0.5, 0.5 - weight, weight])
+    found = least_regret(FiniteProblem(1.0 - np.eye(3)), prior, asked)
+    assert found.regret <= weight
+    check_holds(found, prior)
+
+
+@pytest.mark.parametrize("nats", [1.0, 35.0, 700.0, 800.0])
+@pytest.mark.parametrize("cap", [PointwiseLeakageCap, MaximalLeakageCap])
+def test_a_cap_above_what_any_rule_leaks_binds_nothing(cap: Any, nats: float) -> None:
+    two, prior = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), Prior(np.eye(2), [0.5, 0.5])
+    found = least_regret(two, prior, [cap(nats)])
+    assert found.regret == 0.0
+    assert found.prices == (0.0,)
+
+
+def test_no_detectability_beside_square_errors_costs_what_its_bound_says() -> None:
+    problem = FiniteProblem([[-3.21, 0.46], [1.04, -1.54], [3.49, 4.72], [-0.58, 0.11]])
+    beliefs = [[0.123, 0.257, 0.472, 0.148], [0.003, 0.319, 0.175, 0.503], [0.002, 0.54, 0.366, 0.092]]
+    prior = Prior(beliefs, [0.026, 0.906, 0.068])
+    found = least_regret(problem, prior, [DetectabilityCap(0.0), SquaredErrorFloor(0.73 * prior.error**2)])
+    assert found.status is LeastRegretStatus.OPTIMAL
+    check_holds(found, prior)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_costs_that_cancel_keep_a_budget_of_nothing(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    beliefs, common = rng.dirichlet(np.ones(3), size=4), 1e4 * rng.normal(size=3)
+    common -= common @ beliefs[0]
+    problem = FiniteProblem(1e-3 * rng.normal(size=(3, 4)) + common[:, None])
+    found = least_regret(problem, Prior(beliefs, np.full(4, 0.25)), [Budget.regret(0.0)], candidates=np.eye(4))
+    assert found.regret == 0.0
+
+
 def test_it_decides_as_its_mechanism_says() -> None:
     rng = np.random.default_rng(3)
     problem, prior = market(rng), uniform_prior(3, 2)

@@ -109,8 +109,7 @@ class RowsAndCuts(ABC):
     is_by_decision = False
     """Whether absent decisions can be priced: there are no cuts, and no comparison with another law."""
 
-    @property
-    def largest_ratio(self) -> float | None:
+    def largest_ratio(self, game: PlayedGame) -> float | None:
         """The largest K_bm/p(u_m) allowed, if the rows limit only that and the largest K_bm; else None."""
         return None
 
@@ -236,8 +235,9 @@ class TableSearch:
         """Absent decisions of negative reduced cost at these prices, and the least reduced cost; −∞ where not all were
         tried."""
         others = np.setdiff1d(np.arange(self.game.shape[1]), columns)
-        if all(rule.largest_ratio is not None for rule in self.rules):
-            return self._tempting_ratios(found, others)
+        ratios = [rule.largest_ratio(self.game) for rule in self.rules]
+        if None not in ratios:
+            return self._tempting_ratios(found, others, min(each for each in ratios if each is not None))
         wide = [stacked(group) for group in self.blocks]
         likely = self._likely(found, others)
         tempting, values = [], []
@@ -249,13 +249,12 @@ class TableSearch:
                     return np.array(tempting), -np.inf
         return np.array(tempting, dtype=np.int64), min(values, default=0.0)
 
-    def _tempting_ratios(self, found: _Found, others: np.ndarray) -> tuple[np.ndarray, float]:
+    def _tempting_ratios(self, found: _Found, others: np.ndarray, ratio: float) -> tuple[np.ndarray, float]:
         """The same by closed forms, at these prices and between them and the best so far.
 
         Optimal prices are often not unique and jump between rounds; averages of them give a better bound
         (Wentges, Weighted Dantzig–Wolfe decomposition, 1997).
         """
-        ratio = min(each for each in (rule.largest_ratio for rule in self.rules) if each is not None)
         duals = [dual[_shared(group)] for group, dual in zip(self.blocks, found.duals, strict=True)]
         sides = [np.concatenate([block.sides for block in group])[_shared(group)] for group in self.blocks]
         price = sum(float(each.sum()) for each in duals)
@@ -324,7 +323,9 @@ def solved_programme(game: PlayedGame, objective: Array, blocks: list[list[RowBl
     )
     shares = np.zeros(game.shape)
     shares[:, columns] = np.maximum(found.x[:size].reshape(n_beliefs, n_columns), 0.0)
-    shares[:, game.played(shares) < tolerances.RARELY_PLAYED] = 0.0
+    rare = game.played(shares) < tolerances.RARELY_PLAYED
+    rare[shares.argmax(axis=1)] = False  # what a belief of tiny weight plays most is as rare as the belief
+    shares[:, rare] = 0.0
     shares /= shares.sum(axis=1, keepdims=True)
     duals = np.maximum(-found.duals, 0.0)
     paid = (costs[:size] + rows.matrix[:, :size].T @ duals).reshape(n_beliefs, n_columns)
@@ -419,12 +420,17 @@ def stacked(group: list[RowBlock]) -> RowBlock:
 
 
 def repaired(game: PlayedGame, table: Array, rules: tuple[RowsAndCuts, ...]) -> Array:
-    """Return the table with the least mixture that gives every guarantee."""
+    """Return the table with the least mixture that gives every guarantee.
+
+    Either each decision is mixed by its own share, which changes how often it is played, or all by the largest share.
+    """
     share = np.max([np.zeros(game.shape[1]), *(rule.toward_prior(game, table) for rule in rules)], axis=0)
-    if (share >= 1.0).any():  # the prior itself only just gives the guarantee
-        table = np.tile(game.played(table), (len(table), 1))
-    else:
-        mixed = share / (1.0 - share) * game.played(table)
-        table = (table + mixed) / (1.0 + mixed.sum())
-    part = max([0.0, *(rule.toward_honest(game, table) for rule in rules)])
-    return (1.0 - part) * table + part * game.honest
+    most, played = float(share.max()), game.played(table)
+    ways = [(1.0 - most, (1.0 - most) * table + most * played)]  # what is left of the table, and the mixture
+    if most < 1.0:
+        mixed = share / (1.0 - share) * played
+        left = 1.0 / (1.0 + mixed.sum())
+        ways.insert(0, (left, left * (table + mixed)))
+    parts = [max([0.0, *(rule.toward_honest(game, each) for rule in rules)]) for _, each in ways]
+    part, (_, least) = max(zip(parts, ways, strict=True), key=lambda way: (1.0 - way[0]) * way[1][0])
+    return (1.0 - part) * least + part * game.honest

@@ -102,10 +102,9 @@ class PointwiseLeakageCap(Guarantee):
     def __post_init__(self) -> None:
         object.__setattr__(self, "nats", validation.non_negative(self.nats, "nats"))
 
-    @property
-    def largest_ratio(self) -> float:
-        """e^ε."""
-        return float(np.exp(self.nats))
+    def largest_ratio(self, game: PlayedGame) -> float:
+        """e^ε, or max 1/w where no rule has a larger ratio."""
+        return _capped(self.nats, 1.0 / float(game.weights.min()))[0]
 
     @property
     def limit(self) -> float:
@@ -122,7 +121,8 @@ class PointwiseLeakageCap(Guarantee):
     def rows(self, game: PlayedGame) -> RowBlock:
         """Rows K_bm − e^ε q_m ≤ 0 and q_m − Σ_b p_b K_bm ≤ 0, with q of its own."""
         n_beliefs, n_columns = game.shape
-        every, factor = SPARSE.identity(n_beliefs * n_columns), np.exp(self.nats)
+        every = SPARSE.identity(n_beliefs * n_columns)
+        factor, slope = _capped(self.nats, 1.0 / float(game.weights.min()))
         of_column = SPARSE.kron(np.ones((n_beliefs, 1)), SPARSE.identity(n_columns))
         law = SPARSE.kron(game.weights[None], SPARSE.identity(n_columns))
         n_rows = (n_beliefs + 1) * n_columns
@@ -130,15 +130,14 @@ class PointwiseLeakageCap(Guarantee):
             SPARSE.vstack([every, -law]).tocsr(),
             SPARSE.vstack([-factor * of_column, SPARSE.identity(n_columns)]).tocsr(),
             np.zeros(n_rows),
-            np.concatenate([np.full(n_beliefs * n_columns, factor), np.zeros(n_columns)]),
+            np.concatenate([np.full(n_beliefs * n_columns, slope), np.zeros(n_columns)]),
             np.tile(np.arange(n_columns), n_beliefs + 1),
         )
 
     def toward_prior(self, game: PlayedGame, table: Array) -> Array:
         """Return (x − e^ε)/(x − 1) for a column whose largest ratio x is too large."""
         ratios = _ratios(game, table)
-        over = ratios - np.exp(self.nats)
-        return _shares(over, ratios - 1.0)
+        return _shares(ratios - self.largest_ratio(game), ratios - 1.0)
 
 
 @dataclass(frozen=True)
@@ -167,8 +166,7 @@ class MaximalLeakageCap(Guarantee):
     def __post_init__(self) -> None:
         object.__setattr__(self, "nats", validation.non_negative(self.nats, "nats"))
 
-    @property
-    def largest_ratio(self) -> float:
+    def largest_ratio(self, game: PlayedGame) -> float:
         """∞: its price is that of the largest K_bm."""
         return float("inf")
 
@@ -187,20 +185,20 @@ class MaximalLeakageCap(Guarantee):
     def rows(self, game: PlayedGame) -> RowBlock:
         """Rows K_bm − t_m ≤ 0 and Σ_m t_m ≤ e^L, with t of its own."""
         n_beliefs, n_columns = game.shape
-        size, most = n_beliefs * n_columns, float(np.exp(self.nats))
+        size, (most, slope) = n_beliefs * n_columns, _capped(self.nats, min(game.shape))
         of_column = SPARSE.kron(np.ones((n_beliefs, 1)), SPARSE.identity(n_columns))
         return RowBlock(
             SPARSE.vstack([SPARSE.identity(size), SPARSE.csr_array((1, size))]).tocsr(),
             SPARSE.vstack([-of_column, np.ones((1, n_columns))]).tocsr(),
             np.append(np.zeros(size), most),
-            np.append(np.zeros(size), most),
+            np.append(np.zeros(size), slope),
             np.append(np.full(size, NO_COLUMN), SHARED),
         )
 
     def toward_honest(self, game: PlayedGame, table: Array) -> float:
         """Return (x − e^L)/(x − 1) where x = Σ_u max_π K(u|π) is too large: the mixture has at most (1 − θ) x + θ."""
         ratio = float(table.max(axis=0).sum())
-        over = ratio - float(np.exp(self.nats))
+        over = ratio - _capped(self.nats, min(game.shape))[0]
         return float(_shares(np.array(over), np.array(ratio - 1.0)))
 
 
@@ -471,6 +469,11 @@ def played_game(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) ->
     table = np.zeros((len(some), len(kept)))
     np.add.at(table, (joint.row, place[joint.column]), joint.conditional)
     return PlayedGame(joint.beliefs[some], joint.weights[some], honest, np.arange(len(kept))[:, None]), table[some]
+
+
+def _capped(nats: float, most: float) -> tuple[float, float]:
+    """e^nats and its derivative; the largest possible value, and 0, where that is smaller and the cap never binds."""
+    return (most, 0.0) if nats >= np.log(most) else (float(np.exp(nats)),) * 2
 
 
 def _ratios(game: PlayedGame, table: Array) -> Array:

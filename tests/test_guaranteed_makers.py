@@ -27,6 +27,7 @@ from inscrutable import (
     Prior,
     RateDistortionDecisionMaker,
     RivalProblem,
+    SolverError,
     SquaredErrorFloor,
     StackelbergDecisionMaker,
     consistent_beliefs,
@@ -230,6 +231,33 @@ def test_what_contradicts_a_budget_is_named_and_nothing_else() -> None:
     never = SquaredErrorFloor(1.1 * prior.error**2)
     with pytest.raises(ModelError, match="mean square error"):
         RateDistortionDecisionMaker(problem, 5.0, prior=prior, guarantees=[never]).solve()
+
+
+def test_a_guarantee_that_is_given_twice_is_in_conflict_once() -> None:
+    two, prior, floor = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), Prior(np.eye(2), [0.5, 0.5]), NamingErrorFloor(0.3)
+    for make in (RateDistortionDecisionMaker, StackelbergDecisionMaker):
+        with pytest.raises(ModelError) as told:
+            make(two, Budget.regret(0.1), prior=prior, guarantees=[floor, floor]).solve()
+        assert str(told.value).count(str(floor)) == 1
+
+
+@pytest.mark.parametrize("floor", [SquaredErrorFloor, MeanSquaredErrorFloor])
+def test_a_budget_that_may_be_too_small_is_not_exceeded(floor: Any) -> None:
+    """Errors of 1e-5 cost a regret of 1e-5, a tenth of the accuracy to which the least regret is found."""
+    two, prior = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), Prior(np.eye(2), [0.5, 0.5])
+    for make in (RateDistortionDecisionMaker, StackelbergDecisionMaker):
+        with pytest.raises(SolverError, match="a budget of 5e-06 lies between the regret found"):
+            make(two, Budget.regret(5e-6), prior=prior, guarantees=[floor(2e-5)]).solve()
+
+
+@pytest.mark.parametrize("weight", [1e-9, 1e-11])
+def test_a_belief_of_tiny_weight_breaks_no_budget(weight: float) -> None:
+    problem, prior = FiniteProblem(1.0 - np.eye(3)), Prior(np.eye(3), [0.5, 0.5 - weight, weight])
+    asked = {"prior": prior, "guarantees": [MaximalLeakageCap(2.0)]}
+    hidden = RateDistortionDecisionMaker(problem, Budget.regret(0.1), **asked)
+    assert prior.weights @ hidden.mechanism.expected_regrets <= 0.1 * (1 + 1e-8)
+    assert hidden.rate == pytest.approx(0.531, abs=1e-3)
+    assert StackelbergDecisionMaker(problem, Budget.regret(0.1), **asked).value == pytest.approx(0.18, abs=1e-6)
 
 
 @pytest.mark.parametrize("seed", [266, 296, FRESH + 7])

@@ -61,6 +61,7 @@ class LeastRegret(Summarised):
             `Budget` the regret. NaN where no rule exists, as are the prices.
         prices: Marginal regret that relaxing each guarantee by one unit would save, in the cost's unit per unit of the
             guarantee; 0 for one that does not bind. At a kink of the least regret it lies between both one-sided prices.
+            Where a floor is the largest possible, the price may be 0 although a lower floor saves regret.
         conflict: Indices of an irreducible infeasible subset: no rule satisfies these guarantees together, but without any
             one of them some rule satisfies the others; empty where a rule exists.
         status: Whether regret and bound agree within the gap.
@@ -238,10 +239,7 @@ class RegretSearch:
         if not self._exceeds(solved.regret, limit):
             return self._rule(guarantees, solved)
         if not self._exceeds(solved.bound, limit):
-            raise SolverError(
-                f"a budget of {limit:.6g} lies between the regret found, {solved.regret:.6g}, and its bound, "
-                f"{solved.bound:.6g}: ask for a smaller gap, or for fewer candidates"
-            )
+            raise undecided(limit, solved.regret, solved.bound, "ask for a smaller gap, or for fewer candidates")
         return self._contradiction(guarantees, self._irreducible(guarantees, solved, limit, place), solved.bound)
 
     def _exceeds(self, regret: float, limit: float) -> bool:
@@ -299,6 +297,13 @@ class RegretSearch:
             LeastRegretStatus.OPTIMAL if near else LeastRegretStatus.BOUNDED,
             columns,
         )
+
+
+def undecided(limit: float, regret: float, bound: float, advice: str) -> SolverError:
+    """Return the error of a budget of which it is not known whether a rule keeps it."""
+    return SolverError(
+        f"a budget of {limit:.6g} lies between the regret found, {regret:.6g}, and its bound, {bound:.6g}: {advice}"
+    )
 
 
 def _few_decoys(problem: DecisionProblem) -> Candidates:

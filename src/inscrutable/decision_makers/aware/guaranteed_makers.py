@@ -10,7 +10,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.aware.base import AwareDecisionMaker
-from inscrutable.decision_makers.aware.cheapest_rule import RegretSearch, checked_guarantees
+from inscrutable.decision_makers.aware.cheapest_rule import RegretSearch, checked_guarantees, undecided
 from inscrutable.decision_makers.aware.columns import Columns, places_of
 from inscrutable.decision_makers.aware.entropy_cones import least_informing
 from inscrutable.decision_makers.aware.guaranteed_aims import LeastExcess, LeastInformation, Spending, ToldAim
@@ -174,6 +174,7 @@ def promised(
 
     Raises:
         ModelError: No rule on these candidates gives them all; which of them are in conflict.
+        SolverError: A budget lies between the least regret that was found and its bound.
     """
     plausible_only = maker.options.plausible_only
     search = RegretSearch(maker.problem, maker.prior, maker._given, 1.0, plausible_only=plausible_only)
@@ -187,12 +188,17 @@ def promised(
             raise _conflict((each,), None)
     start, excess = _least_excess(search, spending, asked)
     if excess > _rounding(spending):
-        kept = asked
-        for each in asked:
-            fewer = tuple(other for other in kept if other is not each)
-            if _least_excess(search, spending, fewer)[1] > _rounding(spending):
+        kept = list(range(len(asked)))
+        for place in tuple(kept):
+            fewer = [other for other in kept if other != place]
+            if _least_excess(search, spending, tuple(asked[other] for other in fewer))[1] > _rounding(spending):
                 kept = fewer
-        raise _conflict(kept, maker.budget)
+        raise _conflict(tuple(asked[place] for place in kept), maker.budget)
+    if spending.excess(start) > _rounding(spending):
+        spent = spending.spent(start)
+        worst = int((spent - spending.limits).argmax())
+        limit = float(spending.limits[worst])
+        raise undecided(limit, float(spent[worst]), limit + excess, "ask for a larger budget, or for fewer candidates")
     wanted = aim(game, search.columns, regrets)
     solved = AimedSearch(game, wanted, spending, asked, start, goal(wanted)).run()
     levels = tuple(each.level(game, solved.table) for each in asked)

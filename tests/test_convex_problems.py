@@ -452,3 +452,23 @@ def test_a_cost_of_which_cvxpy_knows_no_slope_is_named():
     u = cp.Variable(3)
     with pytest.raises(ModelError, match=r"knows no slope of the cost of state 1, norm_inf\(.*max\(abs\(x\)\)"):
         ConvexProblem(u, [cp.sum_squares(u - 0.3), cp.norm_inf(u - 0.1)], [cp.sum(u) == 1, u >= 0]).solve([0.5, 0.5])
+
+
+@pytest.mark.parametrize("size", [1e-5, 1.0, 1e9])
+def test_a_cost_without_a_minimum_has_no_decision(size):
+    """Clarabel calls both solved: the first beside the exponentials of the other state, the second at 1e14."""
+    u = cp.Variable(2)
+    falling = [size * cp.sum(cp.exp(u)), size * (cp.exp(u[0]) - u[1])], [u >= -100]
+    logarithms = [size * cp.sum_squares(u), -size * cp.sum(cp.log(u))], [u >= 0]
+    for costs, rows in (falling, logarithms):
+        problem = ConvexProblem(u, costs, rows)
+        assert np.isfinite(problem.solve([0.5, 0.5])).all()
+        with pytest.raises(ModelError, match=r"belief \[0\. 1\.\]"):
+            problem.solve([0.0, 1.0])
+
+
+def test_a_decision_at_the_end_of_a_cost_s_domain_is_one():
+    """Beyond the domain CVXPY's values of `inv_pos` are negative, and the other state's cost falls on."""
+    u = cp.Variable(1)
+    costs = [cp.sum(cp.exp(u)) + 1e-3 * cp.sum(u), cp.sum(cp.inv_pos(u + 2.0)) + 1e-3 * cp.sum_squares(u)]
+    assert ConvexProblem(u, costs, [u <= 9]).solve([1.0, 0.0])[0] == pytest.approx(-2.0, abs=1e-3)

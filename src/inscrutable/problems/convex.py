@@ -217,7 +217,30 @@ class ConvexProblem(DecisionProblem):
             left = ~self._shown_optimal(beliefs, found)
         if left.any():
             found[left] = self._polished(beliefs[left], np.array([model.solve(belief) for belief in beliefs[left]]))
+            if self.differentiable:
+                self._check_minima(model, beliefs[left], found[left])
         return found
+
+    def _check_minima(self, model: Modelled, beliefs: Array, points: Array) -> None:
+        """Raise `ModelError` where the cost at points (n,U) is not shown to be least, and is lower as far from them as they are
+        large: Clarabel may call a point solved from which the cost falls for ever."""
+        left = np.flatnonzero(~self._shown_optimal(beliefs, points))
+        if not left.size:
+            return
+        held, here, costs = beliefs[left], points[left], _Expected(self)
+        with np.errstate(all="ignore"):
+            slopes = np.nan_to_num(
+                np.einsum("nx,nxu->nu", held, np.asarray(self._gradients(here))), posinf=0.0, neginf=0.0
+            )
+        lengths = np.maximum(np.abs(here).max(axis=1), 1.0) / np.maximum(np.abs(slopes).max(axis=1), tolerances.TINY)
+        far = self._nearest(here - lengths[:, None] * slopes)
+        fall = costs.values(held, here) - costs.values(held, far)
+        sizes = np.maximum((held * np.abs(self.state_costs(here))).sum(axis=1), model.scale)
+        for row in np.flatnonzero(fall > tolerances.CONE_COST * sizes):
+            if model.in_domain(far[row]):
+                raise ModelError(
+                    f"the cost under belief {held[row]} has no minimum that Clarabel finds over the feasible set: add bounds"
+                )
 
     @cached_property
     def _central(self) -> Array | None:

@@ -102,6 +102,12 @@ class Modelled:
         dense = slope.toarray() if hasattr(slope, "toarray") else slope
         return np.nan if dense is None else np.ravel(dense)
 
+    def in_domain(self, point: Array) -> bool:
+        """Whether a decision (U,) is where all costs are defined; CVXPY gives `inv_pos` and others values elsewhere too."""
+        with _one_at_a_time:
+            self._variable.save_value(point)
+            return all(each.value() for cost in self._costs for each in cost.domain)
+
     def sums_of_maxima(self) -> SumsOfMaxima | None:
         """Return the costs as sums of maxima of affine functions, where all have that form, with CVXPY's values."""
         found, points = None if self._parsed is None else sums_of_maxima(self._parsed, self.n_actions), self._probes

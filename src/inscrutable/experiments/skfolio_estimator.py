@@ -29,7 +29,8 @@ class PrivatePortfolio(_Base):  # type: ignore[misc]
     Args:
         regimes: Number of regimes, at least 1.
         budget: Budget for hiding, a share of the optimal cost, at least 0.
-        risk_aversion: γ of c(i,u) = γ u'Σ_i u − μ_i'u; skfolio's and PyPortfolioOpt's δ with ½ is 2 γ.
+        risk_aversion: γ of c(i,u) = γ u'Σ_i u − μ_i'u; skfolio's λ is γ, and PyPortfolioOpt's δ, with a
+            term ½ δ u'Σu, is 2 γ.
         restarts: Number of starts of the fit.
         random_state: Seed of the restarts, a whole number; the same data give the same weights.
         portfolio_params: As in any skfolio estimator.

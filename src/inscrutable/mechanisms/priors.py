@@ -117,8 +117,9 @@ def filtered_prior(
     Use it where the cost depends on the state at the time of the decision, as in the paper.
 
     Formula: w_b = weighted share of the steps t whose filtered belief π_t has π_b as the nearest point of the grid; grid
-    points never met are left out. The weights of steps are near one and make the mean a stationary law of the states, as it
-    is for the true law: without them the mean errs by as much as the time that the path spent in each state.
+    points never met are left out. The weights of steps are near one and make the mean of the filtered beliefs a stationary law
+    of the states, as it is for the true law: without them it errs by as much as the time that the path spent in each state. The
+    grid moves each belief by less than its step 1/r, so that `mean` is off by a part of that, such as .01 with r = 10.
 
     Args:
         world: The hidden Markov model whose observations the agent filters.

@@ -7,14 +7,19 @@ import pandas as pd
 import pytest
 
 from inscrutable import (
+    AlphaDecisionMaker,
+    AlphaProblem,
     Budget,
+    CategoricalEmission,
     CounterAdversarialDecisionMaker,
     DesiredObfuscation,
     DetectabilityCap,
     Disclosure,
     FiniteProblem,
+    HiddenMarkovModel,
     InputError,
     InscrutableError,
+    LinearProblem,
     LocalSearch,
     MarkowitzProblem,
     ModelError,
@@ -26,17 +31,24 @@ from inscrutable import (
     QuadraticProblem,
     SequentialDecisionMaker,
     SolverError,
+    TradingProblem,
+    alpha_backtest,
     box,
     consistent_beliefs,
     decoy_grid,
     detectability,
+    group_caps,
     grouped,
     infer_weights,
+    learning_curve,
     mechanism,
     near_optimal_beliefs,
     plausibility_gap,
     privacy_frontier,
+    run_backtest,
     simplex,
+    steady_filter,
+    uniform_prior,
 )
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 
@@ -357,3 +369,59 @@ def test_numbers_of_other_kinds_are_numbers():
     assert Disclosure.of(str(grouped([np.str_("a"), "b"]))) == grouped(["a", "b"])
     assert ruled(np.int64(1)).information_price == 1
     assert PriceCalibration.at(1.0, np.float32(0.5)).prices(0).information == 0.5
+
+
+WORLD = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], CategoricalEmission([[0.8, 0.2], [0.3, 0.7]]))
+MONTHS = pd.DataFrame(np.zeros((5, 2)))
+
+
+def alphas_hidden(*tables):
+    maker = AlphaDecisionMaker(AlphaProblem(np.eye(2), 1.0), 0.5, prior_covariance=np.eye(2))
+    return alpha_backtest(maker, *tables, rng=np.random.default_rng(0))
+
+
+def curve_for(pairs):
+    prior = uniform_prior(2, 4)
+    played = mechanism(OriginalDecisionMaker(FiniteProblem(np.eye(2))), prior.beliefs)
+    return learning_curve(played, prior, pairs, rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: Disclosure("every(3)"), r"got 'every\(3\)': Disclosure\.of reads"),
+        (lambda: Disclosure(["every(3)"]), r"Disclosure\.of reads"),
+        (
+            lambda: TradingProblem(LinearProblem(np.eye(2), simplex(2)), [0.5, 0.5], [0.1, 0.1]),
+            "must be a QuadraticProblem",
+        ),
+        (lambda: curve_for(100), r"pairs must be a list of .*, got 100"),
+        (lambda: steady_filter(WORLD), "must be a LinearGaussianWorld, got HiddenMarkovModel"),
+        (lambda: group_caps(["a", "b"], {"x": 1}, 0.5), "group 'x' must be a list of assets, got 1"),
+        (lambda: alphas_hidden(MONTHS.to_numpy()), "alphas must be a DataFrame .*, got ndarray"),
+        (lambda: alphas_hidden(MONTHS, MONTHS.to_numpy()), "returns must be a DataFrame .*, got ndarray"),
+        (
+            lambda: run_backtest(MONTHS, {"regimes": 2}),
+            r"settings must be BacktestSettings\(\.\.\.\), got \{'regimes': 2\}",
+        ),
+    ],
+)
+def test_an_argument_of_another_kind_is_named(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda named: DesiredObfuscation(named),
+        lambda named: Prior(pd.DataFrame(np.eye(2), columns=named.index), [0.5, 0.5]),
+    ],
+)
+def test_labels_without_a_known_order_are_to_be_left_out(call):
+    """The advice can be followed: no labelled table gives a prior or an aim the states' labels."""
+    named = pd.Series([0.5, 0.5], index=["calm", "storm"])
+    with pytest.raises(
+        InputError, match=r"order is not known here: put them in order and pass the numbers alone \(\.to_numpy\(\)\)"
+    ):
+        call(named)

@@ -467,6 +467,14 @@ def test_a_cost_without_a_minimum_has_no_decision(size):
             problem.solve([0.0, 1.0])
 
 
+def test_one_constraint_needs_no_list():
+    u = cp.Variable(2)
+    costs = [cp.sum_squares(u - [1, 0]), cp.sum_squares(u - [0, 1])]
+    np.testing.assert_allclose(ConvexProblem(u, costs, cp.sum(u) == 1).solve([0.3, 0.7]), [0.3, 0.7], atol=1e-9)
+    with pytest.raises(InputError, match="constraints has 1, expected constraints of CVXPY"):
+        ConvexProblem(u, costs, 1)
+
+
 def test_a_decision_at_the_end_of_a_cost_s_domain_is_one():
     """Beyond the domain CVXPY's values of `inv_pos` are negative, and the other state's cost falls on."""
     u = cp.Variable(1)

@@ -56,8 +56,9 @@ class Axis:
             return None
         if names is None:
             raise InputError(
-                f"{name} has the {self.what} labels {few(found)}, but their order is not known: build the object from "
-                "labelled tables, or give the numbers alone (to_numpy()) in its order"
+                f"{name} has the {self.what} labels {few(found)}, but their order is not known here: put them in order and "
+                "pass the numbers alone (.to_numpy()); labels are aligned only with those of a problem or a world that was "
+                "built from labelled tables"
             )
         if found == tuple(range(len(names))) and not set(found) & set(names):
             return None

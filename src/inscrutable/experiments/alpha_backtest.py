@@ -137,7 +137,7 @@ def alpha_backtest(
         rng: The source of the draws.
 
     Raises:
-        InputError: Labels disagree, or the problem has trading costs.
+        InputError: Labels disagree, a table is no DataFrame, or the problem has trading costs.
 
     Cost: O(k²) per month, plus that of the rule.
 
@@ -156,6 +156,9 @@ def alpha_backtest(
         raise InputError(
             f"the problem has a trading cost of {problem.trading_cost:g}: a month's decision is then part of many"
         )
+    for name, table in (("alphas", alphas), ("returns", returns)):
+        if not isinstance(table, pd.DataFrame) and not (table is None and name == "returns"):
+            raise InputError(f"{name} must be a DataFrame with one row a month, got {type(table).__name__}")
     means = np.atleast_2d(problem.check_mean(alphas, "alphas"))
     earned = None
     if returns is not None:

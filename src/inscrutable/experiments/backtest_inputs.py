@@ -205,6 +205,8 @@ def _annual_rates(riskless: Array, rows: Frequency) -> list[str]:
 
 def checked_market(returns: pd.DataFrame, settings: BacktestSettings, riskless: pd.Series | None) -> ReturnsSample:
     """Return the sample; raise `InputError` if it is too short for the regimes, and as `sample_until`."""
+    if not isinstance(settings, BacktestSettings):
+        raise InputError(f"settings must be BacktestSettings(...), got {settings!r}")
     sample = sample_until(returns, settings.train_until, riskless)
     n_training, n_assets = sample.training.shape
     is_fitted = settings.own is None or settings.own.world is None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,9 +90,11 @@ def learning_curve(
         True
     """
     source, times = validation.generator(rng), validation.count(repeats, "repeats")
-    counts = np.array([validation.count(n, "pairs") for n in pairs], dtype=np.intp)
+    counts = np.array(
+        [validation.count(n, "pairs") for n in (pairs if isinstance(pairs, Iterable) else ())], dtype=np.intp
+    )
     if not len(counts):
-        raise InputError("pairs must be at least one number of pairs, such as (100, 1000)")
+        raise InputError(f"pairs must be a list of at least one number of pairs, such as (100, 1000), got {pairs!r}")
     joint, known = joint_law(mechanism, prior), leakage(mechanism, prior)
     squares, named = np.empty((len(counts), times)), np.empty((len(counts), times))
     for s, n in enumerate(counts):

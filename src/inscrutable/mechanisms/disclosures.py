@@ -69,6 +69,10 @@ class Disclosure:
     operations: tuple[Operation, ...] = ()
 
     def __post_init__(self) -> None:
+        if not isinstance(self.operations, (tuple, list)) or any(isinstance(each, str) for each in self.operations):
+            raise InputError(
+                f"operations must be a sequence of operations, got {self.operations!r}: Disclosure.of reads a text or a table"
+            )
         object.__setattr__(self, "operations", tuple(_checked(each) for each in self.operations))
         self.schedule  # noqa: B018  # raises where nothing is ever shown
 

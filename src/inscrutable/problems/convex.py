@@ -44,9 +44,9 @@ class ConvexProblem(DecisionProblem):
     Args:
         variable: A `cvxpy.Variable` of shape (U,); its signs and `bounds` are constraints too.
         costs: X convex `cvxpy` expressions in this variable alone, one per state, in the cost's unit.
-        constraints: A `Polyhedron`, or a list of `cvxpy` constraints: affine, or with norms 1 and inf, `abs`, `max`, `pos` and
-            further variables that reduce to rows and to sums of magnitudes of single coordinates. Sums of more than ten
-            magnitudes need quadratic or affine costs.
+        constraints: A `Polyhedron`, one `cvxpy` constraint or a list of them: affine, or with norms 1 and inf, `abs`, `max`,
+            `pos` and further variables that reduce to rows and to sums of magnitudes of single coordinates. Sums of more than
+            ten magnitudes need quadratic or affine costs.
         differentiable: Whether the costs have gradients everywhere on C; None tests it: absolute values, maxima and norms that
             can be zero on C count as kinks. With kinks, but for sums of maxima of affine functions, Π(u) is found by cutting
             planes, as the beliefs under which the decision's regret is at most 1e-6 of the cost's scale.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from functools import cached_property
 from threading import RLock
@@ -257,7 +257,7 @@ class Modelled:
             if region.n_actions != self.n_actions:
                 raise InputError(f"constraints have {region.n_actions} coordinates, the variable {self.n_actions}")
         else:
-            region = self._rows_of(list(constraints))
+            region = self._rows_of(list(constraints) if isinstance(constraints, Iterable) else [constraints])
         return region if bounds is None else region & bounds
 
     def _rows_of(self, given: list[Any]) -> Polyhedron:

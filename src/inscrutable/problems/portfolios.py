@@ -7,7 +7,7 @@ if at most ten of them can have either sign.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -249,14 +249,15 @@ def _are_numbers(assets: Assets) -> bool:
 
 def _numbers(members: Sequence[Any], assets: Assets, what: str) -> np.ndarray:
     """Return the places of assets given by label, by its text, or by place where no label is a number; each once."""
-    if isinstance(members, str):
-        raise InputError(f"{what} must be a list of assets, got the text {members!r}")
+    if isinstance(members, str) or not isinstance(members, Iterable):
+        text = "the text " if isinstance(members, str) else ""
+        raise InputError(f"{what} must be a list of assets, got {text}{members!r}")
     names, by_label = asset_names(assets), _are_numbers(assets)
     places: dict[Any, int] = {} if by_label else {j: j for j in range(len(names))}
     places |= {name: j for j, name in enumerate(names)} | {label: j for j, label in enumerate(_labels(assets) or ())}
     found = []
     for member in members:
-        if not isinstance(member, Hashable) or isinstance(member, (bool, float)) or member not in places:
+        if not isinstance(member, Hashable) or isinstance(member, (bool, np.bool_, float)) or member not in places:
             number = "" if by_label else f" or a number below {len(names)}"
             raise InputError(f"{what} has {member!r}, expected one of {few(names, 12)}{number}")
         found.append(places[member])

@@ -117,6 +117,10 @@ class TradingProblem(DecisionProblem):
     """
 
     def __init__(self, problem: QuadraticProblem, former: ArrayLike, rates: ArrayLike) -> None:
+        if not isinstance(problem, QuadraticProblem):
+            raise InputError(
+                f"problem must be a QuadraticProblem, got {problem!r}; with_transaction_costs takes others with quadratic costs"
+            )
         assets = Axis("asset", problem.asset_names)
         self.untraded = problem
         self.state_names = problem.state_names

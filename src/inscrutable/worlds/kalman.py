@@ -54,6 +54,11 @@ class KalmanResult:
         return f"Kalman filter: {steps} steps, {n} states, log-likelihood {self.log_likelihood:.6g}"
 
 
+def _check_world(world: Any) -> None:
+    if not isinstance(world, LinearGaussianWorld):
+        raise InputError(f"world must be a LinearGaussianWorld, got {world!r}")
+
+
 def kalman_filter(
     world: LinearGaussianWorld, observations: Any, *, public: Any = None, gaps: ArrayLike | None = None
 ) -> KalmanResult:
@@ -84,8 +89,7 @@ def kalman_filter(
         >>> kalman_filter(world, [1.0, np.nan]).covariances.ravel().round(4).tolist()
         [0.5, 0.595]
     """
-    if not isinstance(world, LinearGaussianWorld):
-        raise InputError(f"world must be a LinearGaussianWorld, got {world!r}")
+    _check_world(world)
     if is_labelled(observations):
         validation.time_order(observations.index, "observations")
     values = _rows(observations, world.sensor.shape[-2], world.observation_names, "observations")
@@ -161,6 +165,7 @@ def steady_filter(world: LinearGaussianWorld) -> SteadyFilter:
         world: The world; it need not be stable where the sensor observes all unstable modes.
 
     Raises:
+        InputError: `world` is no linear Gaussian world.
         ModelError: Matrices change with time, or no filter converges: a mode that the sensor does not observe grows, or sensors
             without noise leave more rounding than `tolerances.ROUNDED_RICCATI`.
 
@@ -172,6 +177,7 @@ def steady_filter(world: LinearGaussianWorld) -> SteadyFilter:
         >>> steady_filter(LinearGaussianWorld([[0.9]], [[0.19]], [[1.0]], [[1e9]])).predicted_covariance.round(6).tolist()
         [[1.0]]
     """
+    _check_world(world)
     world.check_constant("a steady filter")
     (sensor, noise), move = world.agents_sensor(0), world.transition
     return filter_at(world, _riccati(move, world.process, sensor, noise), move)

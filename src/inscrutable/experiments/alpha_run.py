@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -28,6 +29,8 @@ from inscrutable.files import PathLike, path_of, read_json
 from inscrutable.validation import Array
 from inscrutable.worlds import LinearGaussianWorld
 from inscrutable.worlds.covariances import covariance_rule
+
+_LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -184,7 +187,7 @@ def _law(past: pd.DataFrame) -> LinearGaussianWorld:
 class LinearWorldFile(Section):
     """A linear Gaussian world as JSON: names of the states, and matrices row by row in their order."""
 
-    states: list[str]
+    states: list[str] | None = None
     transition: Matrix
     process: Matrix
     sensor: Matrix
@@ -196,7 +199,8 @@ class LinearWorldFile(Section):
 def read_linear_world(path: PathLike) -> LinearGaussianWorld:
     """Read a world from a JSON file with the keys of `LinearGaussianWorld`'s arguments, and `states`: their names in its order.
 
-    The keys `public_sensor` and `public_noise` give the public sensor, both or neither.
+    The keys `public_sensor` and `public_noise` give the public sensor, both or neither. A file without `states` is logged as a
+    warning: nothing aligns it with the alphas.
 
     Raises:
         InputError: With the file and the place in it: a key is missing or unknown, or a value has the wrong type.
@@ -212,10 +216,14 @@ def read_linear_world(path: PathLike) -> LinearGaussianWorld:
         raise InputError(f"{source}, {place}: {first['msg']}; got {shortened(first['input'])}") from None
     if (found.public_sensor is None) != (found.public_noise is None):
         raise InputError(f"{source}: public_sensor and public_noise go together, and one is missing")
-    names = pd.Index(found.states)
-    try:
-        transition = pd.DataFrame(found.transition, index=names, columns=names)
-    except ValueError as error:
-        raise InputError(f"{source}, states: {error}") from None
+    transition: Any = found.transition
+    if found.states is None:
+        _LOGGER.warning("%s names no states: they are taken in the order of the covariance's columns", source)
+    else:
+        names = pd.Index(found.states)
+        try:
+            transition = pd.DataFrame(found.transition, index=names, columns=names)
+        except ValueError as error:
+            raise InputError(f"{source}, states: {error}") from None
     public: Any = None if found.public_sensor is None else (found.public_sensor, found.public_noise)
     return LinearGaussianWorld(transition, found.process, found.sensor, found.noise, public=public)

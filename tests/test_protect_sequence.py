@@ -49,7 +49,7 @@ def small(tmp_path_factory: pytest.TempPathFactory):
     model = InvestorModel(world, problem, ASSETS, REGIMES, Budget.regret(2e-4), "made for a test")
     folder = tmp_path_factory.mktemp("sequence")
     with pytest.MonkeyPatch.context() as patch, short_simulations(*SIMULATED), repeated_laws():
-        patch.setattr(silence, "resolution_for", lambda n_states: 6)
+        patch.setattr(silence, "beliefs_resolution", lambda n_states: 6)
         begun = protect_step(model, BELIEF, folder / "state", Budget.regret(2e-4), rng=np.random.default_rng(0))
         yield model, model.save(folder / "model.json"), folder / "state", begun
 

@@ -38,7 +38,8 @@ class Polyhedron:
         b_eq: Their right-hand sides, shape (e,).
         names: One name per row, inequalities first, for messages.
         min_slack: Least slack of an inequality row that is not tight in an admissible decision, in units of the
-            row's largest coefficient; the paper has 0.
+            row's largest coefficient; the paper has 0. Give decisions in a unit in which ranges are far larger: in a box no
+            wider than twice this, every row counts as tight, and every belief explains every decision.
         asset_names: One label per coordinate; None takes those of labelled rows. Labelled decisions are aligned with them,
             and so are sets combined with this one and the costs of a problem over it.
 

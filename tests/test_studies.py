@@ -42,6 +42,7 @@ from inscrutable import (
 from inscrutable.decision_makers import LinearProgramme
 from inscrutable.errors import InputError, SolverError
 from inscrutable.experiments.backtest import RESTARTS
+from inscrutable.experiments.measures import MEASURES
 from inscrutable.experiments.random_markets import random_market
 from inscrutable.experiments.studies import StudyProgress, executors, runner
 from inscrutable.experiments.studies.executors import Chunks
@@ -786,3 +787,22 @@ def test_a_shipped_study_runs(path: Path, tmp_path: Path, monkeypatch: pytest.Mo
     study = run_study(path, tmp_path, limit=count)
     assert study.status().failed == 0, list(study.errors())
     assert study.status().done == count
+
+
+def test_the_command_line_shows_every_key_of_a_study(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["study", "keys", "--json"]) == 0
+    tables = json.loads(capsys.readouterr().out)
+    top = {row["key"]: row for row in tables["At the top of the file"]}
+    assert top["name"]["left out"] == "needed"
+    assert top["repeats"] == {"key": "repeats", "holds": "whole number ≥ 1", "left out": "1"}
+    assert {row["name"] for row in tables["Measures"]} == set(MEASURES)
+    assert {"kind", "resolution"} <= {row["key"] for row in tables["[candidates]"]}
+    names = [row["name"] for row in tables["[[decision_makers]]"]]
+    assert names[:3] == ["ODM", "CDM", "PDM"]
+
+    assert cli.main(["study", "keys", "rival"]) == 0
+    said = capsys.readouterr().out
+    assert '[rival], kind = "naming". The name of the regime; a wrong name costs 1.' in said
+    assert "[world]" not in said
+    assert cli.main(["study", "keys", "wurld"]) == 2
+    assert "no section 'wurld'; there are top, world, problem" in capsys.readouterr().err

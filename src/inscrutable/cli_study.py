@@ -1,4 +1,4 @@
-"""The verbs of `inscrutable study`: run, status, resume, export, report."""
+"""The verbs of `inscrutable study`: run, status, resume, export, report, keys."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter, validators
 
-from inscrutable.cli_console import Speech
+from inscrutable.cli_console import Speech, show_table
 from inscrutable.cli_values import OUTPUT, WORK, Out, UsageError, Whole
 from inscrutable.errors import DiskError, InscrutableError
 
@@ -191,6 +191,32 @@ def report(
         speech.sentence(f"Its page is {path}, written with the results; --out names a file for another")
     else:
         speech.files([path])
+
+
+@study.command
+def keys(section: str | None = None, /, *, speech: Speech = Speech()) -> None:  # noqa: B008  # frozen
+    """Show what a study file may hold: its keys, with their defaults, and the measures.
+
+    Args:
+        section: A section alone, such as world, decision_makers or measures.
+    """
+    import pandas as pd
+
+    from inscrutable.axes import few
+    from inscrutable.experiments.studies.keys import key_tables
+
+    tables = [each for each in key_tables() if section in (None, each.section)]
+    if not tables:
+        known = dict.fromkeys(each.section for each in key_tables())
+        raise UsageError(f"no section {section!r}; there are {few(known, len(known))}")
+    if speech.json:
+        speech.summary({each.title: [dict(zip(each.head, row, strict=True)) for row in each.rows] for each in tables})
+        return
+    for each in tables:
+        speech.sentence(f"{each.title}. {each.text}".strip())
+        if each.rows:
+            frame = pd.DataFrame(each.rows, columns=list(each.head)).set_index(each.head[0])
+            show_table(frame, "", prose=True)
 
 
 def _study_within(folder: Path) -> Path | None:

@@ -188,7 +188,17 @@ def test_a_world_in_another_order_gives_the_same_decisions(capsys: pytest.Captur
 def test_a_world_whose_states_have_no_names_is_told(caplog: pytest.LogCaptureFixture, folder: Path) -> None:
     (folder / "W.json").write_text(json.dumps({key: WORLD[key] for key in WORLD if key != "states"}), "utf-8")
     read_linear_world(folder / "W.json")
-    assert "W.json names no states: they are taken in the order of the covariance's columns" in caplog.text
+    assert (
+        "W.json names no states: they are taken in the order of the loadings' columns, or else of the assets"
+        in caplog.text
+    )
+
+
+def test_means_from_a_given_start_are_not_compared_with_the_long_run() -> None:
+    world = LinearGaussianWorld([[0.9]], [[0.19]], [[1.0]], [[0.1]], initial=([3.0], [[100.0]]))
+    maker = AlphaDecisionMaker(AlphaProblem([[1.0]], 1.0), 0.5, world=world)
+    found = protect_alphas(maker, pd.DataFrame([[13.0]]), rng=np.random.default_rng(0))
+    assert "standard deviations" not in found.summary()
 
 
 def test_a_period_that_repeats_or_is_missing_is_named(capsys: pytest.CaptureFixture[str], folder: Path) -> None:

@@ -1031,8 +1031,10 @@ def test_a_sequence_goes_on_for_the_same_decisions_alone(tmp_path: object, chang
     resumed = same.begin().load(path)
     resumed.close()
     for each in (sequence, resumed):
+        each.observe([3.0])  # ends the first step, whose observation is read
+        assert each.n_steps == 1
         each.publish(each.decide([1.0, 0.0], rng=np.random.default_rng(0)))
-        each.observe([2.0])  # of the second step: the first one's is read
+        each.observe([2.0])
     np.testing.assert_allclose(resumed.mean, sequence.mean, rtol=1e-12)
 
 

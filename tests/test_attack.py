@@ -284,6 +284,22 @@ def test_rows_over_a_limit_on_turnover_are_refused_and_named_and_each_row_limits
     assert "their dates do not" in few.cautions()[0]
 
 
+def test_a_row_that_misses_its_sum_a_little_limits_the_next_from_where_it_was_moved() -> None:
+    model = replace(market(3, 4), turnover=0.003)
+    rows = pd.DataFrame([[0.25, 0.25, 0.25, 0.2537], [0.25, 0.25, 0.25, 0.25]], columns=list(model.assets))
+    found = attack_weights(model, rows)
+    assert "rows miss the sum" in found.cautions()[0]
+    assert "--digits" not in found.cautions()[0]
+
+
+def test_columns_that_are_numbers_are_the_assets_of_that_name() -> None:
+    model = market(0, 3)
+    numbered = replace(model, assets=("10107", "2", "0"))
+    weights = published(model, np.array([[0.5, 0.3, 0.2]]), None)
+    given = weights.set_axis([10107, 2, 0], axis=1)
+    assert np.allclose(attack_weights(numbered, given.iloc[:, ::-1]).bounds, attack_weights(model, weights).bounds)
+
+
 def test_a_limit_on_sums_of_magnitudes_that_is_missed_a_little_is_said_and_by_much_refused() -> None:
     model = market(5, 3, region=long_short(3, gross=1.4))
     within = pd.DataFrame([[0.7, 0.5, -0.2]], columns=list(model.assets))

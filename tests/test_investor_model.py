@@ -238,6 +238,7 @@ def test_returns_and_decisions_of_another_step_are_named(tmp_path: Path) -> None
     numbered = InvestorModel(world, model.problem, tuple(str(k) for k in range(len(model.assets))), model.regimes)
     months = rows("ME").set_axis(range(len(model.assets)), axis=1)
     assert np.array_equal(numbered.belief_after(months), numbered.belief_after(months.iloc[:, ::-1]))
+    assert np.array_equal(model.belief_after(months), numbered.belief_after(months))
     assert replace(model, step="").belief_after(rows("W")).sum() == pytest.approx(1.0)
     for frequency, word in (("W", "week"), ("B", "trading day"), ("QE", "quarter")):
         with pytest.raises(InputError, match=f"returns have one row a {word}, the model one a month"):

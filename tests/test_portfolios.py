@@ -43,6 +43,7 @@ def test_labels_that_are_numbers_name_assets_and_no_places():
     np.testing.assert_array_equal(min_weights([10107, 14593], {"14593": 0.2}).A_ub, [[0, -1]])
     np.testing.assert_array_equal(group_caps(np.array([2, 5, 7]), {"g": [2, 5]}, 0.5).A_ub, [[1, 1, 0]])
     np.testing.assert_array_equal(long_short([3, 1, 2], gross=1.5, shortable=[1]).rows.A_ub, [[-1, 0, 0], [0, 0, -1]])
+    np.testing.assert_array_equal(max_weights([1.0, 2.5], {2.5: 0.2}).A_ub, [[0, 1]])
     with pytest.raises(InputError, match=r"limits has 0, expected one of 1, 2, 3$"):
         max_weights([1, 2, 3], {0: 0.2})
 

@@ -74,6 +74,14 @@ def maker_of(rng: np.random.Generator, told: float = ALONE, **options: object) -
     )
 
 
+def test_one_state_has_nothing_to_hide() -> None:
+    world = HiddenMarkovModel([[1.0]], CategoricalEmission([[0.5, 0.5]]))
+    maker = SequentialDecisionMaker(
+        FiniteProblem([[0.0, 1.0]]), Budget.regret(0.1), world=world, rng=np.random.default_rng(0)
+    )
+    assert maker.begin().decide([1.0]).expected_privacy == 0.0
+
+
 @pytest.mark.parametrize("told", [ALONE, 0.3])
 def test_the_law_is_that_of_an_observer_who_knows_the_rule(fresh_rng: np.random.Generator, told: float) -> None:
     maker = maker_of(fresh_rng, told)

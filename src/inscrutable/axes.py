@@ -157,6 +157,13 @@ def axis_labels(value: Any, k: int) -> Names | None:
     return tuple(found)
 
 
+def as_texts(labels: Iterable[Any], names: Sequence[str]) -> list[Any]:
+    """Return labels as texts, as a file has `names`; 0, 1, … stay where none is a name: a table made of an array has them."""
+    found = list(labels)
+    texts = list(map(str, found))
+    return found if found == list(range(len(found))) and not set(texts) & set(names) else texts
+
+
 def few(labels: Iterable[Any], most: int = 8) -> str:
     """Return the first labels, and how many there are in all."""
     held = [str(label) for label in labels]

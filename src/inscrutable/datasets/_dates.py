@@ -94,7 +94,8 @@ def row_labels(table: TextTable) -> Sequence[datetime] | Sequence[str]:
         if label.casefold().rstrip(":") in _TOTALS:
             raise InputError(f"{table.place(row, 0)}: {shown(label)} is no row of its own: delete the line")
     days = _reading(table, increasing=False)
-    if days is None and 2 * sum(map(is_date, cells)) > len(cells):
+    # A number such as 202001 may be a label.
+    if days is None and 2 * sum(is_date(cell) and not cell.isdigit() for cell in cells) > len(cells):
         raise _unreadable(table)
     return days or cells
 
@@ -159,6 +160,11 @@ def _unreadable(table: TextTable) -> InputError:
     row = next(row for row, text in enumerate(cells) if best(text) is None)
     if is_missing(cells[row]):
         return InputError(f"{table.place(row, 0)}: date missing, {_EXPECTED}")
+    if is_date(cells[row]):
+        return InputError(
+            f"{table.place(row, 0)}: {shown(cells[row])} is written otherwise than most dates, expected one notation, such as "
+            "YYYY-MM-DD, in all rows"
+        )
     return InputError(f"{table.place(row, 0)}: found {shown(cells[row])}, {_EXPECTED}")
 
 

@@ -88,7 +88,9 @@ class _Amounts:
         """Return the least and greatest sum of a row, as a share, where weights, or what may be, do not sum to the whole."""
         sums = self._sums()
         shares = sums / (100.0 if self.are_percent or sums.max() >= _AS_PERCENTAGES else 1.0)
-        is_near = self.are_weights or (np.abs(shares - 1.0) <= _NEAR_WHOLE).any()
+        # Amounts in dollars may be near 1 or 100 in a row, not also far above.
+        near = np.abs(shares - 1.0) <= _NEAR_WHOLE
+        is_near = self.are_weights or (near.any() and shares.max() <= 1.0 + _NEAR_WHOLE)
         return (float(shares.min()), float(shares.max())) if is_near and self.whole() is None else None
 
     def _sums(self) -> NDArray[np.float64]:

@@ -27,8 +27,8 @@ class DecisionStatus(Enum):
     PROVED = "proved: no affordable decision is more private"
     GAP_REACHED = "proved within the gap asked for: a smaller gap, or a finer search, may find a little more"
     BOUNDED = (
-        "best bound after the limit of oracle calls, or one that min_slack keeps out of reach: allow more calls or a smaller "
-        "min_slack, or use the bound as it stands"
+        "not proved within the gap asked for: no affordable decision is more private than the bound, and the one found may be "
+        "the best; allow more oracle calls, or a smaller min_slack, which rules out decisions close to a constraint"
     )
     BEST_CANDIDATE = "best of the candidates: more of them may find better"
     LOCAL_OPTIMUM = "local optimum of a local search: more starts may find better"

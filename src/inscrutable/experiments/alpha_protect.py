@@ -254,8 +254,12 @@ def _days(periods: tuple[str, ...]) -> list[datetime]:
 
 
 def _farthest(maker: AlphaDecisionMaker, means: Array) -> float:
-    """Return the largest distance of means (T,k) from that of their public law, in standard deviations."""
-    if maker.silence is None or (maker.world is not None and maker.world.public is not None):
+    """Return the largest distance of means (T,k) from that of their public law, in standard deviations.
+
+    NaN for a law that moves: after public observations, or from a given first one.
+    """
+    world = maker.world
+    if maker.silence is None or (world is not None and (world.public is not None or world.is_begun)):
         return float("nan")
     apart, deviations = np.abs(means - maker.start_mean), np.sqrt(np.diag(maker.silence))
     known = deviations > 0.0

@@ -24,7 +24,7 @@ from inscrutable.experiments.backtest_inputs import (
     refuse_missing,
     sample_until,
 )
-from inscrutable.experiments.sections import Matrix, Section, shortened
+from inscrutable.experiments.sections import Label, Matrix, Section, shortened
 from inscrutable.files import PathLike, path_of, read_json
 from inscrutable.validation import Array
 from inscrutable.worlds import LinearGaussianWorld
@@ -187,7 +187,7 @@ def _law(past: pd.DataFrame) -> LinearGaussianWorld:
 class LinearWorldFile(Section):
     """A linear Gaussian world as JSON: names of the states, and matrices row by row in their order."""
 
-    states: list[str] | None = None
+    states: list[Label] | None = None
     transition: Matrix
     process: Matrix
     sensor: Matrix
@@ -218,7 +218,9 @@ def read_linear_world(path: PathLike) -> LinearGaussianWorld:
         raise InputError(f"{source}: public_sensor and public_noise go together, and one is missing")
     transition: Any = found.transition
     if found.states is None:
-        _LOGGER.warning("%s names no states: they are taken in the order of the covariance's columns", source)
+        _LOGGER.warning(
+            "%s names no states: they are taken in the order of the loadings' columns, or else of the assets", source
+        )
     else:
         names = pd.Index(found.states)
         try:

@@ -17,13 +17,14 @@ from inscrutable.adversaries import near_optimal_beliefs
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.adversaries.plausibility import nearest_explanation
 from inscrutable.adversaries.rounded import allowance, completed, half_unit
+from inscrutable.axes import as_texts
 from inscrutable.datasets import WeightsTable, missing_steps
 from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, decimal_places
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
 from inscrutable.experiments.investor_model import BASIS_POINTS, InvestorModel, checked_model
 from inscrutable.labels import label_text
-from inscrutable.problems import MarkowitzProblem
+from inscrutable.problems import MarkowitzProblem, Polyhedron
 from inscrutable.problems.magnitudes import MagnitudeRegion
 from inscrutable.validation import Array
 
@@ -100,7 +101,7 @@ class Attack:
         moved = (
             f"Caution: {int((self.missed > 0.0).sum())} of {len(self)} rows miss the sum of the weights, or a limit, by up to "
             f"{self.missed.max():.2g} more than weights {written} can. They are moved onto it, which the beliefs do not allow "
-            "for: --normalise scales rows to the sum 1, --digits states another rounding."
+            f"for. --normalise scales rows to the sum 1{'' if self.model.turnover else ', --digits states another rounding'}."
         )
         return [moved, *found]
 
@@ -213,14 +214,13 @@ def attack_weights(
             "is read from weights in full precision alone; give these, or take the key turnover out of the model's file"
         )
     half = half_unit(FULL_PRECISION_DIGITS if digits is None else digits)
-    befores = (previous, *published[:-1])
     missed = [
-        _missed(model.problem_after(before), row, half, _row_name(frame.index, step), model.assets)
-        for step, (before, row) in enumerate(zip(befores, published, strict=True))
+        _missed(model.region_after(before), row, half, _row_name(frame.index, step), model.assets)
+        for step, (before, row) in enumerate(zip((previous, *published[:-1]), published, strict=True))
     ]
     rows: list[RowReading] = []
-    for before, row in zip(befores, published, strict=True):
-        rows.append(_read_row(model.problem_after(before), row, digits, most))
+    for row in published:
+        rows.append(_read_row(model.problem_after(rows[-1].action if rows else previous), row, digits, most))
         if progress is not None:
             progress(len(rows), len(published))
     return Attack(model, frame.index, tuple(rows), digits, most, np.array(missed))
@@ -285,6 +285,7 @@ def _read_near(problem: MarkowitzProblem, published: Array, half: float, regret:
 def _aligned(frame: Any, assets: tuple[str, ...]) -> Array:
     if not isinstance(frame, pd.DataFrame):
         raise InputError(f"weights must be a WeightsTable or a DataFrame, got {type(frame).__name__}")
+    frame = frame.set_axis(as_texts(frame.columns, assets), axis=1)
     columns = list(frame.columns)
     missing = [asset for asset in assets if asset not in columns]
     unknown = [column for column in columns if column not in assets]
@@ -303,18 +304,14 @@ def _aligned(frame: Any, assets: tuple[str, ...]) -> Array:
     return np.asarray(values)
 
 
-def _missed(problem: MarkowitzProblem, row: Array, half_unit: float, row_name: str, assets: tuple[str, ...]) -> float:
+def _missed(region: Polyhedron, row: Array, half_unit: float, row_name: str, assets: tuple[str, ...]) -> float:
     """Return by how much a row (U,) misses its sum or a limit beyond what rounding explains: U weights miss a sum by U half
     units. Raises `InputError` for a row that is no weights of the model at all."""
-    region = rows = problem.constraints
-    scale = np.abs(rows.A_eq).max(axis=1, initial=0.0)
-    over, most = (
-        np.empty(0),
-        list[float](),
-    )  # of limits on sums of magnitudes, and what a unit in every weight adds to each
-    if isinstance(region, MagnitudeRegion):
+    rows, over, most = region, np.empty(0), list[float]()
+    if isinstance(region, MagnitudeRegion):  # its limits' excess, and what a unit in every weight adds to each of them
         rows, over = region.rows, region.excess(row)
         most = [(each.weights.sum() + np.abs(each.linear).sum()) / each.weights.max() for each in region.limits]
+    scale = np.abs(rows.A_eq).max(axis=1, initial=0.0)
     amounts = np.concatenate([-rows.slacks(row), np.abs(rows.A_eq @ row - rows.b_eq) / scale, over])
     sizes = np.concatenate(
         [np.abs(rows.A_ub).sum(axis=1) / rows.row_scale, np.abs(rows.A_eq).sum(axis=1) / scale, most]

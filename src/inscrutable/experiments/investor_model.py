@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.axes import Axis
+from inscrutable.axes import Axis, as_texts
 from inscrutable.budgets import Budget
 from inscrutable.datasets import write_json
 from inscrutable.errors import InputError, InscrutableError
@@ -122,8 +122,14 @@ class InvestorModel:
         if self.turnover is None or previous is None:
             return self.problem
         problem = self.problem
-        near = turnover(previous, self.turnover, assets=self.assets, min_slack=problem.constraints.min_slack)
-        return MarkowitzProblem(problem.means, problem.covariances, problem.risk_aversion, problem.constraints & near)
+        return MarkowitzProblem(problem.means, problem.covariances, problem.risk_aversion, self.region_after(previous))
+
+    def region_after(self, previous: ArrayLike | None) -> Polyhedron:
+        """Return the feasible weights of that problem."""
+        region = self.problem.constraints
+        if self.turnover is None or previous is None:
+            return region
+        return region & turnover(previous, self.turnover, assets=self.assets, min_slack=region.min_slack)
 
     def after(self, previous: ArrayLike | None) -> InvestorModel:
         """Return the investor at the decision after `previous`, with the limit on turnover as part of the problem.
@@ -166,7 +172,7 @@ class InvestorModel:
             raise InputError(
                 f"returns have one row a {word}, the model one a {self.step}: give returns of the model's step"
             )
-        named = returns.set_axis([str(each) for each in returns.columns], axis=1)
+        named = returns.set_axis(as_texts(returns.columns, self.assets), axis=1)
         places = Axis("asset", self.assets).order(tuple(named.columns), "returns")
         rows = named if places is None else named.iloc[:, places]
         known = isinstance(world.emission, GaussianEmission) and world.emission.asset_names is not None

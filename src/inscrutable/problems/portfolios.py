@@ -244,7 +244,7 @@ def _labels(assets: Assets) -> Names | None:
 
 def _are_numbers(assets: Assets) -> bool:
     """Return whether a label of an asset is a number, which then is no place."""
-    return any(isinstance(label, (int, np.integer)) for label in _labels(assets) or ())
+    return any(isinstance(label, (int, float, np.integer)) for label in _labels(assets) or ())
 
 
 def _numbers(members: Sequence[Any], assets: Assets, what: str) -> np.ndarray:
@@ -257,7 +257,8 @@ def _numbers(members: Sequence[Any], assets: Assets, what: str) -> np.ndarray:
     places |= {name: j for j, name in enumerate(names)} | {label: j for j, label in enumerate(_labels(assets) or ())}
     found = []
     for member in members:
-        if not isinstance(member, Hashable) or isinstance(member, (bool, np.bool_, float)) or member not in places:
+        is_label = isinstance(member, Hashable) and not isinstance(member, (bool, np.bool_))
+        if not is_label or (isinstance(member, float) and not by_label) or member not in places:
             number = "" if by_label else f" or a number below {len(names)}"
             raise InputError(f"{what} has {member!r}, expected one of {few(names, 12)}{number}")
         found.append(places[member])

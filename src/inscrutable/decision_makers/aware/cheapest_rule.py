@@ -18,7 +18,7 @@ from inscrutable.decision_makers.candidate_sources import as_candidates, decoy_g
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecision, MixedDecisions
 from inscrutable.errors import InputError, ModelError, SolverError
-from inscrutable.geometry.grids import grid_size
+from inscrutable.geometry.grids import largest_resolution
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.priors import checked_prior, without_copies
 from inscrutable.mechanisms.same_actions import first_same
@@ -307,10 +307,7 @@ def undecided(limit: float, regret: float, bound: float, advice: str) -> SolverE
 
 
 def _few_decoys(problem: DecisionProblem) -> Candidates:
-    resolution = 1
-    while resolution < _DECOYS and grid_size(problem.n_states, resolution + 1) <= _DECOYS:
-        resolution += 1
-    return decoy_grid(problem, resolution)
+    return decoy_grid(problem, largest_resolution(problem.n_states, _DECOYS))
 
 
 def checked_guarantees(guarantees: Sequence[Guarantee | Budget]) -> tuple[Guarantee | Budget, ...]:

@@ -25,7 +25,7 @@ from inscrutable.decision_makers.sequential.seen import Knowledge
 from inscrutable.decision_makers.sequential.sequence import DecisionSequence
 from inscrutable.decision_makers.sequential.step import StepTable, step_table
 from inscrutable.errors import InputError
-from inscrutable.geometry.grids import grid_size
+from inscrutable.geometry.grids import largest_resolution
 from inscrutable.kernels.threads import one_blas_thread
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.chains import BeliefChain, filtered_chain
@@ -329,7 +329,8 @@ def _columns(problem: DecisionProblem, given: Any, prior: Prior) -> Columns:
     if given is not None or problem.is_discrete:
         found = columns_of(problem, as_candidates(problem, given), True)
         return found if len(found) else found.joined(prior.beliefs)
-    return columns_of(problem, decoy_grid(problem, _finest(problem.n_states)), True).joined(prior.mean[None])
+    resolution = largest_resolution(problem.n_states, _CANDIDATES)
+    return columns_of(problem, decoy_grid(problem, resolution), True).joined(prior.mean[None])
 
 
 def _chain_of(world: Any, rng: np.random.Generator) -> BeliefChain | None:
@@ -337,15 +338,7 @@ def _chain_of(world: Any, rng: np.random.Generator) -> BeliefChain | None:
         return None
     if not isinstance(world, HiddenMarkovModel):
         raise InputError(f"world must be a HiddenMarkovModel, got {world!r}")
-    return filtered_chain(world, _finest(world.n_states), rng=rng)
-
-
-def _finest(n_states: int) -> int:
-    """The finest grid with at most the default number of points."""
-    resolution = 1
-    while grid_size(n_states, resolution + 1) <= _CANDIDATES:
-        resolution += 1
-    return resolution
+    return filtered_chain(world, largest_resolution(world.n_states, _CANDIDATES), rng=rng)
 
 
 def _checked_chain(chain: Any, made: Any, problem: DecisionProblem) -> BeliefChain:

@@ -32,14 +32,14 @@ def assert_same(found: pd.DataFrame, wanted: pd.DataFrame, *, rtol: float, atol:
 
 
 def test_a_comparison_has_the_figures_it_had() -> None:
-    """To 1e-3; in `make test` the first four rows, since what a row draws depends on those before it. Of the PDM's lotteries,
-    which are equally private, others were found since: what else is made of them moves by 1.5e-3. The sequential rule is
-    simulated: where a last digit moves a draw, its figures move with its prices. The rule of least rate is another one within
-    its gap of 1e-3 bits, and what it leaks in ten draws moves by up to 2.2 %. Of the Stackelberg rules of largest error
-    another is found since, which leaves more at equal spending. Where an estimate ties, the chance of naming is shared among
-    the tied states since; the first release took the first of them. After ten decisions rarer sequences than were drawn
-    count in the stated standard errors since: those of the coin and two others are larger. The CDM among candidates alone has
-    its present figures: at the same privacies it spends 1.5 % less since."""
+    """To 1e-3; in `make test` the first four rows. Of the PDM's lotteries, which are equally private, others were found since:
+    what else is made of them moves by 1.5e-3. The sequential rule is simulated: where a last digit moves a draw, its figures
+    move with its prices. The rule of least rate is another one within its gap of 1e-3 bits, and what it leaks in ten draws
+    moves by up to 2.2 %. Of the Stackelberg rules of largest error another is found since, which leaves more at equal spending.
+    Where an estimate ties, the chance of naming is shared among the tied states since; the first release took the first of
+    them. Since all rows use the same draws, what is drawn for six of them is another sample, at most 1.3 standard errors away:
+    these figures are the present ones. So are those of the CDM among candidates alone: at the same privacies it spends 1.5 %
+    less since."""
     settings = ComparisonSettings(budgets=(0.5,), repeats=(1, 10), draws=100)
     makers = tuple(COMPARED)[: None if audited() else 4]
     study = comparison_study(settings, makers, market="paper", resolution=6, seed=0)
@@ -53,9 +53,6 @@ def test_a_comparison_has_the_figures_it_had() -> None:
         frame, wanted = frame.drop("PDM"), wanted.drop("PDM")
         assert_same(frame, wanted, rtol=1e-3, atol=1e-9)
         return
-    rare = ["exponential", "coin", "Dirichlet noise"], "bayes_error_after_10_se"
-    assert (frame.loc[rare] > wanted.loc[rare]).all()
-    frame.loc[rare] = wanted.loc[rare]
     moved = ["PDM", "rate-distortion", "sequential", "Stackelberg"]
     assert_same(frame.drop(moved), wanted.drop(moved), rtol=1e-3, atol=1e-9)
     simulated = ["path_bits", *(name for name in wanted if "after_10" in name)]

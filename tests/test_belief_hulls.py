@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import linprog
 
 from inscrutable import tolerances
 from inscrutable.geometry.hulls import described_sets, sum_zero_basis
@@ -121,3 +122,35 @@ def test_rows_within_and_beyond_the_tolerance():
         found.append(int(assert_as_defined(equalities, inequalities)[0]))
     assert found[0] == 0
     assert found[-1] == -1
+
+
+def best_slack(equalities, inequalities):
+    """The largest least slack of any belief that solves the equations, by HiGHS."""
+    n_states = equalities.shape[1]
+    rows = np.vstack([inequalities, np.eye(n_states)])
+    found = linprog(
+        np.append(np.zeros(n_states), -1.0),
+        A_ub=np.hstack([-rows, np.ones((len(rows), 1))]),
+        b_ub=np.zeros(len(rows)),
+        A_eq=np.hstack([np.vstack([equalities, np.ones(n_states)]), np.zeros((len(equalities) + 1, 1))]),
+        b_eq=np.append(np.zeros(len(equalities)), 1.0),
+        bounds=(None, None),
+    )
+    return -found.fun if found.status == 0 else -np.inf
+
+
+@pytest.mark.parametrize("slope", [0.0, 1e-10, 3e-9, 1e-8, 1e-6])
+def test_a_row_that_is_almost_flat_on_a_line_hides_no_contradiction(slope, fresh_rng):
+    """Such rows come of decisions at a former weight: a line on which the others contradict each other counted as a belief."""
+    verdicts = set()
+    for _ in range(80):
+        n_states = int(fresh_rng.integers(3, 6))
+        equalities, inequalities = systems(fresh_rng, 1, n_states, 4, n_states, n_states - 2)
+        flat = np.full((1, 1, n_states), fresh_rng.uniform(0.01, 0.5)) + slope * fresh_rng.normal(size=(1, 1, n_states))
+        rows = np.concatenate([inequalities, flat], axis=1)
+        slack = best_slack(equalities[0], rows[0])
+        if abs(slack) > 1e-7:
+            dimension = described_sets(equalities, rows, tolerances.EXPLAINED)[0][0]
+            assert (dimension >= 0) == (slack > 0.0)
+            verdicts.add(slack > 0.0)
+    assert verdicts == {True, False}

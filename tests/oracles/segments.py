@@ -40,10 +40,13 @@ def clip_to_segments(hulls: Hulls, inequalities: Array, which: np.ndarray) -> Se
     high = np.where(~flat & (slope < 0), crossing, np.inf).min(axis=1)
     low = np.maximum(low, hulls.bands[which, 0, 0])
     high = np.minimum(high, hulls.bands[which, 0, 1])
-    steepest = np.where(flat, np.inf, np.abs(slope)).min(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        looser = (-noise - value) / slope
+    least = np.maximum(np.where(~flat & (slope > 0), looser, -np.inf).max(axis=1), hulls.bands[which, 0, 0])
+    most = np.minimum(np.where(~flat & (slope < 0), looser, np.inf).min(axis=1), hulls.bands[which, 0, 1])
     crossed = low > high
-    touching = crossed & (low - high <= 2 * noise[:, 0] / np.minimum(steepest, 1.0))
-    middle = 0.5 * (low + high)
+    touching = crossed & (least <= most)
+    middle = np.minimum(np.maximum(0.5 * (low + high), least), most)
     low = np.where(touching, middle, low)
     high = np.where(touching, middle, high)
     present = ~(crossed & ~touching) & np.all(~flat | (value >= -noise), axis=1) & np.isfinite(low) & np.isfinite(high)

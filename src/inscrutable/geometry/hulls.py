@@ -119,12 +119,18 @@ def _segments(hulls: Hulls, inequalities: Array, tolerance: float) -> tuple[np.n
     noise, direction, bands = hulls.noise[:, None], hulls.directions[:, 0], hulls.bands(tolerance)
     value, slope = _slacks(inequalities, hulls.origin), _slacks(inequalities, direction)
     flat = np.abs(slope) <= noise  # such a row holds for all t, or for none
-    crossing = -value / np.where(flat, 1.0, slope)
-    low = np.maximum(bands[:, 0, 0], np.where(~flat & (slope > 0.0), crossing, -np.inf).max(axis=1))
-    high = np.minimum(bands[:, 0, 1], np.where(~flat & (slope < 0.0), crossing, np.inf).min(axis=1))
-    steepest = np.where(flat, 1.0, np.abs(slope)).min(axis=1, initial=1.0)
-    is_empty = (flat & (value < -noise)).any(axis=1) | (low - high > 2.0 * hulls.noise / steepest)
-    steps = np.where(is_empty, 0.0, np.where(low > high, 0.5 * (low + high), [low, high]))
+
+    def ends_of(least: Array | float) -> tuple[Array, Array]:
+        crossing = (least - value) / np.where(flat, 1.0, slope)
+        low = np.where(~flat & (slope > 0.0), crossing, -np.inf).max(axis=1)
+        high = np.where(~flat & (slope < 0.0), crossing, np.inf).min(axis=1)
+        return np.maximum(bands[:, 0, 0], low), np.minimum(bands[:, 0, 1], high)
+
+    low, high = ends_of(0.0)
+    least, most = ends_of(-noise)  # each row by itself: one that is almost flat says nothing of the others
+    is_empty = (flat & (value < -noise)).any(axis=1) | (least > most)
+    between = np.clip(0.5 * (low + high), least, np.maximum(least, most))
+    steps = np.where(is_empty, 0.0, np.where(low > high, between, [low, high]))
     ends = onto_simplex(hulls.origin[:, None] + steps.T[:, :, None] * direction[:, None])
     is_long = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > SAME_BELIEF
     return np.where(is_empty, -1, np.where(is_long, 1, 0)), ends

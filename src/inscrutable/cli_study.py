@@ -205,9 +205,10 @@ def keys(section: str | None = None, /, *, speech: Speech = Speech()) -> None:  
     from inscrutable.axes import few
     from inscrutable.experiments.studies.keys import key_tables
 
-    tables = [each for each in key_tables() if section in (None, each.section)]
+    every = key_tables()
+    tables = [each for each in every if section in (None, each.section)]
     if not tables:
-        known = dict.fromkeys(each.section for each in key_tables())
+        known = dict.fromkeys(each.section for each in every)
         raise UsageError(f"no section {section!r}; there are {few(known, len(known))}")
     if speech.json:
         speech.summary({each.title: [dict(zip(each.head, row, strict=True)) for row in each.rows] for each in tables})

@@ -97,11 +97,12 @@ class Attack:
         found = [] if self.model.turnover is None else missing_rows(self.index)
         if self.missed is None or not self.missed.any():
             return found
+        other = ", --digits states another rounding" if self.model.turnover is None else ""
         written = "in full precision" if self.decimals is None else f"rounded to {decimal_places(self.decimals)}"
         moved = (
             f"Caution: {int((self.missed > 0.0).sum())} of {len(self)} rows miss the sum of the weights, or a limit, by up to "
             f"{self.missed.max():.2g} more than weights {written} can. They are moved onto it, which the beliefs do not allow "
-            f"for. --normalise scales rows to the sum 1{'' if self.model.turnover else ', --digits states another rounding'}."
+            f"for. --normalise scales rows to the sum 1{other}."
         )
         return [moved, *found]
 

@@ -142,13 +142,18 @@ def test_a_worker_that_is_renewed_while_drawing_ends_nothing(
 
 
 def test_its_claims_are_those_it_had(small: Reproduction) -> None:
-    """To 1e-5; four figures of the paper's local search to 5e-3: it ends elsewhere where last digits of its trials differ."""
+    """To 1e-5. The paper's local search ends elsewhere where last digits of its trials differ, as they do between the linear
+    algebra of two processors: four of its means to a fiftieth of their standard error (measured on three: .013)."""
     found, wanted = claims_frame(small), golden("reproduce")
     local = [each for each in wanted.columns if each.startswith("paper:")]
     moved = wanted.index.isin(MOVED)
     assert_same(found.drop(columns=local), wanted.drop(columns=local), rtol=1e-5, atol=1e-6)
     assert_same(found.loc[~moved, local], wanted.loc[~moved, local], rtol=1e-5, atol=1e-6)
-    assert_same(found.loc[moved, local], wanted.loc[moved, local], rtol=5e-3, atol=1e-6)
+    mean, error = "paper: measured", "paper: standard error"
+    assert (abs(found[mean] - wanted[mean])[moved] <= 0.02 * wanted.loc[moved, error]).all()
+    assert_same(
+        found.loc[moved, local].drop(columns=mean), wanted.loc[moved, local].drop(columns=mean), rtol=0.02, atol=1e-6
+    )
 
 
 def test_another_seed_is_another_market(small: Reproduction) -> None:

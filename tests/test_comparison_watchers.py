@@ -17,6 +17,7 @@ from inscrutable import (
     Mechanism,
     OriginalDecisionMaker,
     PartialDecisionMaker,
+    Prior,
     RoundingDecisionMaker,
     consistent_beliefs,
     decoy_grid,
@@ -457,3 +458,12 @@ def test_the_verdict_tells_how_well_the_sensor_is_read() -> None:
         rng=np.random.default_rng(0),
     )
     assert not hidden.sensor_summary()
+
+
+def test_silence_is_among_the_candidates_that_bound_every_rule(fresh_rng: np.random.Generator) -> None:
+    """Few decoys miss the best constant decision, which the coin plays: it left a larger error than the bound."""
+    problem = MarkowitzProblem(0.02 * fresh_rng.normal(size=(2, 3)), [0.01 * np.eye(3), 0.02 * np.eye(3)], 5.0)
+    setting = Setting.of(problem, Prior(fresh_rng.dirichlet([1.0, 1.0], size=3), fresh_rng.dirichlet(np.ones(3))))
+    least = float((setting.candidates.state_costs @ setting.prior.mean).min())
+    constant = least - float(setting.prior.weights @ setting.optimal_costs)
+    assert constant == pytest.approx(setting.silence_regret, abs=1e-12)

@@ -115,8 +115,8 @@ print(f"{'no rule':16s}over time more than {told.path_ceiling:.2f}")
 # %%
 # **The ceiling.** Let V₁(r; w) be the largest expected loss of the observer after one decision on a belief of law w, at an
 # expected regret r. It is jointly concave in r and w. So, where decisions are seen exactly and at once, the observer's loss
-# averaged over the steps is at most V₁(mean regret; mean law of the belief) under any rule, with any memory and any
-# randomisation. The line on the right is the square root of this bound. It comes from a dual solution, so that it is valid even
+# averaged over the steps is at most V₁(mean regret; mean law of the belief) under any rule on the candidate decisions, with any
+# memory and any randomisation. The line on the right is the square root of this bound. It comes from a dual solution, so that it is valid even
 # if the solver was inexact.
 #
 # **The rule as a table.** Where the observer can reach only finitely many laws, `SequentialDecisionMaker.as_mechanism()`

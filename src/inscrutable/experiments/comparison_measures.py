@@ -65,8 +65,8 @@ class ComparisonRow(Saved):
         path_top_state: Probability that this observer names a most likely state.
         path_bits: Leakage of a decision to that observer beyond those before it, in bits.
         path_bits_se: Its standard error, over independent paths.
-        path_ceiling: Upper bound of the error over time of every rule of the same expected regret; only in rows of the
-            sequential rule, else NaN.
+        path_ceiling: Upper bound of the error over time of every rule of the same expected regret on the candidate
+            decisions; only in rows of the sequential rule, else NaN.
         path_error_half: The error over time where beliefs stay half as long as the sequential rule assumes.
         path_error_double: The error over time where they stay twice as long.
         learned_low: Least risk aversion under which every decision of a path is optimal for some belief, the rest of the cost

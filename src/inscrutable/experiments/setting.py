@@ -12,6 +12,7 @@ import numpy as np
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers import Candidates, OriginalDecisionMaker, decoy_grid
 from inscrutable.decision_makers.baselines.calibration import spending
+from inscrutable.decision_makers.candidate_sources import decided_by
 from inscrutable.errors import InputError
 from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Disclosure, Mechanism, Prior, mechanism
@@ -57,7 +58,8 @@ class Setting:
             resolution = 1
             while n_states > 1 and grid_size(n_states, resolution) < len(prior):
                 resolution += 1
-            candidates = decoy_grid(problem, resolution)
+            # Silence too, the best constant decision, which rules mix with others and which bounds must know.
+            candidates = decoy_grid(problem, resolution).joined(decided_by(problem, prior.mean[None]))
         elif not isinstance(candidates, Candidates) or candidates.problem is not problem:
             raise InputError("candidates must be Candidates of this problem, such as decoy_grid(problem, 30)")
         return cls(problem, prior, candidates, chain)
@@ -139,7 +141,7 @@ class Watched(NamedTuple):
     top_state: float = float("nan")  # probability that it names a most likely state
     bits: float = float("nan")  # information of one more decision
     bits_se: float = float("nan")
-    ceiling: float = float("nan")  # upper bound for every rule of the same regret
+    ceiling: float = float("nan")  # upper bound for every rule of the same regret on the candidates
     error_half: float = float("nan")  # where beliefs stay half as long as the rule assumes
     error_double: float = float("nan")  # where they stay twice as long
 

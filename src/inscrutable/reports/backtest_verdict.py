@@ -341,16 +341,16 @@ def _beyond_public(result: Backtest) -> list[str]:
 def _ceilings(result: Backtest) -> list[str]:
     """Return a line on the largest error of any rule of the same regret; none if it is not known."""
     known = {name: result.figures[name]["error_ceiling"] for name in result.names[1:]}
-    known = {name: most for name, most in known.items() if np.isfinite(most)}
+    known = {name: each for name, each in known.items() if np.isfinite(each)}
     if not known or result.sequential is None:
         return []
     without, here = result.sequential.maker.chain.prior.error, result.figures[result.names[0]]["error_without"]
     where = "nearer to" if here < without else "farther from"
+    most = listed([f"{each:.2f}" for each in known.values()])
     return [
-        f"Ceiling: at the regret of {listed(list(known))}, no rule leaves the aware observer an error above "
-        f"{listed([f'{most:.2f}' for most in known.values()])}, in the long run of the fitted regimes. There the error without "
-        f"weights is {without:.2f}; in these {result.market.frequency.word}s it is {here:.2f}, because their beliefs lie "
-        f"{where} the long-run mean."
+        f"Ceiling: at the regret of {listed(list(known))}, no rule on the candidate portfolios leaves the aware observer an "
+        f"error above {most}, in the long run of the fitted regimes. There the error without weights is {without:.2f}; in "
+        f"these {result.market.frequency.word}s it is {here:.2f}, because their beliefs lie {where} the long-run mean."
     ]
 
 

@@ -248,7 +248,7 @@ def _on_paths(comparison: Comparison) -> list[str]:
             "simulated; the expected regret equals the requested one up to its standard error. Single decisions are judged by "
             "the rule's long-run law. stays half, twice as long: the error over time if beliefs stay half or twice as long as "
             "the rule assumes. ceiling: an upper bound of the aware observer's error over time for every rule of the same "
-            "expected regret. All these figures hold for this chain alone."
+            "expected regret on the candidate decisions. All these figures hold for this chain alone."
         )
     return found
 

@@ -157,7 +157,7 @@ def _plot_errors(axes: Any, comparison: Comparison, panel: _Panel) -> None:
             linestyle=":",
             linewidth=1.2,
             zorder=2,
-            label="upper bound of any rule, over time",
+            label="upper bound of any rule on the candidates, over time",
         )
     axes.set_title(panel.title, loc="left")
     nothing = max(comparison.budgets) <= 0  # otherwise rounding would determine the axis

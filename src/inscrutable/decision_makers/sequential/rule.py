@@ -53,7 +53,7 @@ class SequentialDecisionMaker(Described):
     K_t depends on p_t alone, so an observer can compute it. If the belief moves by the chain, a later decision does not
     reveal again what an earlier one revealed: on a belief that never changes only the first decision reveals anything. A
     belief that is not among the chain's plays as the nearest of them, within its own cap. The rule is greedy in p_t;
-    `ceiling` is an upper bound of the loss under every rule.
+    `ceiling` is an upper bound of the loss under every rule on the candidates.
 
     Args:
         problem: The decision problem.

@@ -52,7 +52,7 @@
   }
 
   const alone = ["without decisions", sampleMark(null, "#000", false, "--")];
-  const ceiling = ["upper bound of any rule, over time", sampleMark(null, "#000", false, ":")];
+  const ceiling = ["upper bound of any rule on the candidates, over time", sampleMark(null, "#000", false, ":")];
   legend("both", [
     ["naive observer: takes one decision at face value", sampleMark("s", "#000", true)],
     ["aware observer: knows the rule and the prior", sampleMark("o", "#000", "#fff")],

@@ -127,7 +127,7 @@ def test_the_sequential_rule_stands_beside_the_others(tmp_path: Path, monkeypatc
     assert "5 decisions on one belief (the sequential rule assumes that chain): " in found.summary()
     drawn: Any = comparison_plots.draw_comparison(found, tmp_path)
     assert all(each.exists() for each in drawn)
-    assert "upper bound of any rule, over time" in (tmp_path / "comparison.svg").read_text("utf-8")
+    assert "upper bound of any rule on the candidates, over time" in (tmp_path / "comparison.svg").read_text("utf-8")
     shown = comparison_page.page_data(found)["ceilings"]
     np.testing.assert_allclose(shown, [[100.0 * row.silence_share, row.path_ceiling] for row in rows], rtol=1e-3)
     alone = compare(

@@ -467,3 +467,28 @@ def test_silence_is_among_the_candidates_that_bound_every_rule(fresh_rng: np.ran
     least = float((setting.candidates.state_costs @ setting.prior.mean).min())
     constant = least - float(setting.prior.weights @ setting.optimal_costs)
     assert constant == pytest.approx(setting.silence_regret, abs=1e-12)
+
+
+@pytest.mark.parametrize(("disclosure", "is_judged"), [("exact", True), ("every(6)|delayed(6)", False)])
+def test_what_optimal_decisions_hide_already_is_no_rules_merit(disclosure: str, is_judged: bool) -> None:
+    settings = ComparisonSettings(budgets=(0.5,), repeats=(1,), draws=10, disclosure=disclosure)
+    makers = makers_of(("ODM", "coin"))
+    found = compare(
+        market(), resting_chain(uniform_prior(3, 4), 0.8), settings, makers=makers, rng=np.random.default_rng(0)
+    )
+    first, *lines = found.summary().splitlines()
+    (line,) = (each for each in lines if each.startswith("Hidden from the aware observer over time"))
+    assert ("cannot be judged, as without protection" in line) is not is_judged
+    assert first.endswith("hiding the belief from the aware observer over time cannot be judged.") is not is_judged
+    assert ("from the aware observer over time by none" in first) is is_judged
+    assert "from the naive observer by none" in first
+
+
+def test_one_decision_alone_hides_from_everybody() -> None:
+    problem = MarkowitzProblem([[0.008], [-0.02]], [[[0.002]], [[0.008]]], 5.0)  # one asset: all of it, always
+    makers = makers_of(("ODM", "coin"))
+    found = compare(problem, uniform_prior(2, 4), makers=makers, rng=np.random.default_rng(0))
+    first, *lines = found.summary().splitlines()
+    assert "the belief is hidden" not in first
+    assert first.count("cannot be judged") == 1
+    assert [("as without protection it is hidden as well" in each) for each in lines[:3]] == [True] * 3

@@ -216,36 +216,36 @@ class Comparison(Saved):
             f"{budget / self.silence_regret:.0%} of the silence regret" if self.silence_regret > 0 else f"{budget:.3g}"
         )
         last = len(self.repeats) - 1
-        seen = {
-            "naive observer, who takes decisions at face value": [
-                (row.naive_error, row.naive_top_state) for row in rows
-            ],
-            "aware observer, who knows the rule and the prior": [
-                (row.bayes_error, row.top_state_accuracy) for row in rows
-            ],
+        seen: dict[str, Callable[[ComparisonRow], tuple[float, float]]] = {
+            "naive observer, who takes decisions at face value": lambda row: (row.naive_error, row.naive_top_state),
+            "aware observer, who knows the rule and the prior": lambda row: (row.bayes_error, row.top_state_accuracy),
         }
         if self.is_moving:
             following = (
                 f"aware observer over time, on a chain where the belief stays the same in {self.stays:.0%} of the steps"
             )
-            seen[following] = [(row.path_error, row.path_top_state) for row in rows]
+            seen[following] = lambda row: (row.path_error, row.path_top_state)
         if self.repeats[last] > 1:
             later = f"aware observer, who sees {self.repeats[last]} decisions on one belief"
             later += " (the sequential rule assumes that chain)" if self.ceilings else ""
-            seen[later] = [(float(row.repeated_errors[last]), float(row.repeated_top_state[last])) for row in rows]
+            seen[later] = lambda row: (float(row.repeated_errors[last]), float(row.repeated_top_state[last]))
         asked = Requirement(self.prior_error, self.prior_top_state)
-        hiding = {
-            who: [row.maker for row, each in zip(rows, found, strict=True) if asked.is_met(Reached(row.maker, *each))]
-            for who, found in seen.items()
-        }
+        optimal = next((row for row in self.rows if row.maker in SPENDS_NOTHING), None)
+        hiding, unjudged, told = [], [], []
+        for who, figures in seen.items():
+            reached = [Reached(row.maker, *figures(row)) for row in rows]
+            unprotected = None if optimal is None else Reached("optimal decisions", *figures(optimal))
+            if unprotected is not None and asked.is_met(unprotected):
+                unjudged.append(f"the {_short(who)}")
+            else:
+                names = [each.name for each in reached if asked.is_met(each)]
+                hiding.append(f"from the {_short(who)} by {_few(names, len(rows))}")
+            told.append(f"Hidden from the {who}: {asked.judge(reached, unprotected)}.")
+        short = [f"the belief is hidden {', '.join(hiding)}"] if hiding else []
+        short += [f"hiding the belief from {listed(unjudged)} cannot be judged"] if unjudged else []
         lines = [
-            f"In short: at an expected regret of {worth} the belief is hidden "
-            f"{', '.join(f'from the {_short(who)} by {_few(names, len(rows))}' for who, names in hiding.items())}.",
-            *(
-                f"Hidden from the {who}: "
-                f"{asked.judge([Reached(row.maker, *each) for row, each in zip(rows, found, strict=True)])}."
-                for who, found in seen.items()
-            ),
+            f"In short: at an expected regret of {worth} {'; '.join(short)}.",
+            *told,
             asked.meaning(without="decisions", state="state", cases="the cases"),
             self.sensor_summary(),
             self.rival_summary(),

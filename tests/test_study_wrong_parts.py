@@ -151,19 +151,40 @@ def plan_of(part):
     }[part]  # fmt: skip
 
 
-@pytest.mark.parametrize("number", some(range(len(WRONG)), 4))
-def test_a_wrong_part_is_named_with_what_is_wrong(number, tmp_path, monkeypatch):
-    part, body, said = WRONG[number]
-    module = f"wrong_{number}"
+def errors_of(module, part, body, tmp_path, monkeypatch):
+    """What a study says of a part in which a body stands in place of its own; empty if nothing failed."""
     (tmp_path / f"{module}.py").write_text(f"{PARTS}\nclass Wrong({part}):\n    {body}\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     own = [f"{module}:Wrong", f"{module}:Valves"]
     study = run_study(Study.of(plan_of(part), extensions=own), tmp_path / "out")
     sys.modules.pop(module)
-    errors = "\n".join(study.errors())
+    return "\n".join(study.errors())
+
+
+@pytest.mark.parametrize("number", some(range(len(WRONG)), 4))
+def test_a_wrong_part_is_named_with_what_is_wrong(number, tmp_path, monkeypatch):
+    part, body, said = WRONG[number]
+    module = f"wrong_{number}"
+    errors = errors_of(module, part, body, tmp_path, monkeypatch)
     assert bool(errors) == bool(said), errors
     if said:
         assert re.search(rf"^task 0 \(\w+\): InputError: {module}:Wrong{said}", errors), errors
+
+
+IN_PLACE = [
+    ("Valves", "def solve(self, beliefs): beliefs -= beliefs.mean(); return super().solve(beliefs)", r"\.solve"),
+    ("Valves", "def state_costs(self, actions): actions *= 0.5; return super().state_costs(actions)", r"\.state_costs"),
+    ("Middle", "def estimates(self, actions, **how): actions[:] = 0; return super().estimates(actions)", r"\.estimates"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("number", range(len(IN_PLACE)))
+def test_a_part_cannot_change_what_it_is_given(number, tmp_path, monkeypatch):
+    part, body, said = IN_PLACE[number]
+    module = f"changes_{number}"
+    errors = errors_of(module, part, body, tmp_path, monkeypatch)
+    place = rf"InputError: {module}:Wrong{said} failed with ValueError: .* read-only \(line \d+ of {module}\)"
+    assert re.search(place, errors), errors
 
 
 def test_an_observation_model_without_means_needs_a_problem_of_its_own(tmp_path, monkeypatch):

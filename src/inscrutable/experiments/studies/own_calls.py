@@ -62,6 +62,15 @@ def _called(said: str, function: Callable[..., Any], /, *given: Any, **named: An
         raise InputError(f"{said} failed with {type(error).__name__}: {error}{place}") from error
 
 
+def _read_only(value: Any) -> Any:
+    """Return an array as a read-only view; a part that changes its argument would change what others are given."""
+    if not isinstance(value, np.ndarray):
+        return value
+    found = value.view()
+    found.flags.writeable = False
+    return found
+
+
 @lru_cache(maxsize=64)
 def _guarded(own_class: Any, spec: str, kind: str, n_states: int) -> Any:
     """Return a subclass of a user-defined class that checks the results of its methods."""
@@ -85,7 +94,8 @@ def _is_own(own_class: type, name: str) -> bool:
 def _checked(method: Callable[..., Any], said: str, check: _Check, n_states: int) -> Callable[..., Any]:
     @wraps(method)
     def call(part: Any, *given: Any, **named: Any) -> Any:
-        found = _called(said, method, part, *given, **named)
+        kept = [_read_only(value) for value in given]
+        found = _called(said, method, part, *kept, **{name: _read_only(value) for name, value in named.items()})
         return _called(said, check, part, found, given[0] if given else next(iter(named.values()), None), n_states)
 
     return call

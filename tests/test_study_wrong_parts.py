@@ -187,6 +187,22 @@ def test_a_part_cannot_change_what_it_is_given(number, tmp_path, monkeypatch):
     assert re.search(place, errors), errors
 
 
+@pytest.mark.parametrize(
+    ("part", "body", "said"),
+    [
+        (
+            "Optimal",
+            DECIDED.format("exit(0)"),
+            r"InputError: {}:Wrong\.decide_many failed with SystemExit: 0 \(line \d+",
+        ),
+        ("Valves", "def optimal_cost(self, beliefs): raise SystemExit(0)", "unexpected SystemExit: 0"),
+    ],
+)
+def test_a_part_that_ends_the_program_fails_its_task_alone(part, body, said, tmp_path, monkeypatch):
+    errors = errors_of(f"ends_{part}", part, body, tmp_path, monkeypatch)
+    assert re.search(rf"^task 0 \(\w+\): {said.format(f'ends_{part}')}", errors), errors
+
+
 def test_an_observation_model_without_means_needs_a_problem_of_its_own(tmp_path, monkeypatch):
     (tmp_path / "without_means.py").write_text(PARTS)
     monkeypatch.syspath_prepend(str(tmp_path))

@@ -55,7 +55,7 @@ def _called(said: str, function: Callable[..., Any], /, *given: Any, **named: An
         if str(error).startswith(f"{module}:"):
             raise
         raise type(error)(f"{said}: {error}") from error
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         pass_interrupt(error)
         lines = [n for frame, n in traceback.walk_tb(error.__traceback__) if frame.f_globals.get("__name__") == module]
         place = f" (line {lines[-1]} of {module})" if lines else ""

@@ -173,7 +173,7 @@ class TaskRunner(ABC):
             found = self.figures(task)
         except InscrutableError as reason:
             status, error = FAILED, f"{type(reason).__name__}: {reason}"
-        except Exception as reason:
+        except (Exception, SystemExit) as reason:  # a user's part may call sys.exit
             pass_interrupt(reason)
             status, error = FAILED, f"unexpected {type(reason).__name__}: {reason}"
         return Done(task, status, found, time.perf_counter() - started, error)

@@ -314,6 +314,17 @@ def test_wrong_extensions_are_refused_in_words(module, spec, changes, said):
         Study.of(plain | changes, extensions=[asked])
 
 
+@pytest.mark.parametrize(
+    "column", ["number", "task", "decision_maker", "adversary", "budget", "repeat", "seed", "status", "duration"]
+)
+def test_a_measure_is_not_called_as_a_column_of_the_rows(module, column):
+    (Path(sys.path[0]) / f"{module}.py").write_text(f"{MODULE}\ndef {column}(mechanism): return 7.0\n")
+    with pytest.raises(
+        InputError, match=rf"{module}:{column} has the name of a column of the rows that is there already"
+    ):
+        Study.of(DATA | {"measures": ["error", column]}, extensions=own(module, *NAMES, column))
+
+
 def test_a_part_that_fails_is_a_row_that_says_so(module, tmp_path):
     data = {
         "name": "s", "world": {"kind": "random"}, "beliefs": {"kind": "grid", "resolution": 3}, "candidates": {"resolution": 3},

@@ -29,6 +29,7 @@ from inscrutable.experiments.studies.extensions import (
     loaded,
 )
 from inscrutable.experiments.studies.own_calls import own_number, own_part
+from inscrutable.experiments.studies.tables import fixed_columns
 from inscrutable.privacy import PrivacyMeasure
 
 _SCALAR: Any = bool | int | float | str
@@ -150,13 +151,11 @@ def _goal(extension: Extension) -> PrivacyMeasure:
     return found
 
 
-@lru_cache(maxsize=8)
-def _layout_of(extensions: tuple[Extension, ...]) -> Any:
-    by_kind: dict[str, dict[str, Extension]] = {}
-    for each in extensions:
-        by_kind.setdefault(each.kind, {})[each.name] = each
+def _refuse_taken(by_kind: Mapping[str, Mapping[str, Extension]]) -> None:
+    """Raise `InputError` for an extension whose name is taken."""
+    columns = fixed_columns()
     taken: Mapping[str, Any] = {
-        MEASURE: MEASURES,
+        MEASURE: (*MEASURES, *columns),
         MAKER: MAKERS,
         OBSERVER: OBSERVERS,
         PROBLEM: ("markowitz", "dispatch"),
@@ -164,9 +163,18 @@ def _layout_of(extensions: tuple[Extension, ...]) -> Any:
     for kind, known in taken.items():
         for name in by_kind.get(kind, {}):
             if name in known:
+                what = "column of the rows" if name in columns else kind
                 raise InputError(
-                    f"the extension {by_kind[kind][name].spec} has the name of a {kind} that is there already"
+                    f"the extension {by_kind[kind][name].spec} has the name of a {what} that is there already"
                 )
+
+
+@lru_cache(maxsize=8)
+def _layout_of(extensions: tuple[Extension, ...]) -> Any:
+    by_kind: dict[str, dict[str, Extension]] = {}
+    for each in extensions:
+        by_kind.setdefault(each.kind, {})[each.name] = each
+    _refuse_taken(by_kind)
     makers = {name: _section(each, OwnMaker, "name") for name, each in by_kind.get(MAKER, {}).items()}
     observers = {name: _section(each, OwnObserver, "name") for name, each in by_kind.get(OBSERVER, {}).items()}
     problems = {name: _section(each, OwnProblem, "kind") for name, each in by_kind.get(PROBLEM, {}).items()}

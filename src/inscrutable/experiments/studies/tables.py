@@ -18,14 +18,22 @@ from inscrutable.files import whole_file
 _SHORT = {"decision_maker": "name", "adversary": "name", "budget": "amount"}
 """The parts with a column of their own, and the entry that the column shows."""
 
+_SHOWN: Mapping[str, tuple[str, str | None]] = {
+    **{part: (part, key) for part, key in _SHORT.items()},
+    "repeat": ("repeat", None),
+}
+"""The columns of parameters in every grid's table."""
+
+
+def fixed_columns() -> frozenset[str]:
+    """Return the columns of every grid's table besides its figures."""
+    no_grid: Any = None
+    return frozenset(plain_table(no_grid, (), True, _SHOWN, ()).reset_index().columns)
+
 
 def table_of(grid: StudyGrid, rows: Iterable[Row], durations: bool) -> pd.DataFrame:
     """Return rows in the order of the grid: identity, varying keys, status, figures, and the reason of a failure."""
-    shown = {
-        **{part: (part, key) for part, key in _SHORT.items()},
-        "repeat": ("repeat", None),
-        **{f"{part}.{key}": (part, key) for part, key in _varying(grid)},
-    }
+    shown = {**_SHOWN, **{f"{part}.{key}": (part, key) for part, key in _varying(grid)}}
     return plain_table(grid, rows, durations, shown, grid.study.measures)
 
 

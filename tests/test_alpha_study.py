@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from inscrutable import Study, run_study
+from inscrutable.cli import main
 from sizes import instances
 
 SMALL = {
@@ -39,6 +41,18 @@ def test_the_study_of_alphas_is_beside_the_best_of_any_rule(tmp_path: Path) -> N
     assert (least[0.25] > least[0.75]).all()
     lasting = rows[told].set_index(["repeat", "budget", "persistence"])["least_bits"].unstack()
     assert (lasting[0.8] < lasting[0.0]).all()
+
+
+def test_a_study_without_a_page_names_the_command_for_its_rows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    keys = SMALL | {"budgets": [0.25], "persistence": [0.0], "steps": 100}
+    (tmp_path / "alphas.toml").write_text("".join(f"{key} = {json.dumps(value)}\n" for key, value in keys.items()))
+    assert main(["study", "run", str(tmp_path / "alphas.toml"), "--out", str(tmp_path / "out")]) == 0
+    *_, last = capsys.readouterr().err.splitlines()
+    told, _, command = last.partition(": inscrutable ")
+    assert told == "Its rows as a table"
+    assert main(command.split()) == 0
 
 
 @pytest.mark.parametrize(

@@ -228,6 +228,8 @@ def _study_within(folder: Path) -> Path | None:
 
 
 def _told(done: Study, speech: Speech) -> int:
+    from inscrutable.experiments.studies.kinds import kind_of
+
     _say_status(done, speech)
     how = done.status()
     if how.failed:
@@ -235,7 +237,12 @@ def _told(done: Study, speech: Speech) -> int:
     if how.left:
         speech.log(f"To do the others: inscrutable study resume {done.folder}")
     elif not speech.json:
-        speech.log(f"Its figures and page: {_REPORT.format(done.folder)}")
+        then = (
+            f"figures and page: {_REPORT}"
+            if kind_of(done.plan).has_page
+            else "rows as a table: inscrutable study export {}"
+        )
+        speech.log(f"Its {then.format(done.folder)}")
     return FAILED_TASKS if how.failed else 0
 
 

@@ -41,5 +41,5 @@ class AlphaRunner(TaskRunner):
         return figures_of(self.plan, of["persistence"], of["budget"], of["objective"], seeds)
 
 
-ALPHAS = Kind(AlphaStudyFile, rule_tasks, AlphaRunner)
+ALPHAS = Kind(AlphaStudyFile, rule_tasks, AlphaRunner, has_page=False)
 """Studies of private alphas over budgets."""

@@ -26,6 +26,7 @@ class Kind:
         prepared: Returns data that are computed once for all processes, as plain data, from the file and its folder.
         table: Returns rows as a table, from the tasks and the rows, with the seconds that each took or without.
         check: Raises an error if the data that a file names are invalid, from the file and its folder.
+        has_page: Whether `inscrutable study report` writes a page of it.
     """
 
     layout: type[PlanFile]
@@ -35,3 +36,4 @@ class Kind:
     prepared: Callable[[Any, Path, Any], list[dict[str, Any]]] = lambda plan, base, grid: []
     table: Callable[[Any, Iterable[Row], bool], pd.DataFrame] = plain_table
     check: Callable[[Any, Path], None] = lambda plan, base: None
+    has_page: bool = True

@@ -39,5 +39,5 @@ class MaskedBasketRunner(TaskRunner):
         }
 
 
-MASKED_BASKET = Kind(MaskedBasketFile, shown_tasks, MaskedBasketRunner)
+MASKED_BASKET = Kind(MaskedBasketFile, shown_tasks, MaskedBasketRunner, has_page=False)
 """Studies of funds that publish masked baskets."""

@@ -471,3 +471,15 @@ def test_a_protection_is_judged_as_by_the_other_verbs(tmp_path: Path, capsys: py
         assert part in " ".join(Reader(tmp_path / "report.html").inside["p"])
     assert costly_rule(tmp_path / "bare", decision_makers=["ODM"], measures=["error", "top_state"]).protection() == []
     assert costly_rule(tmp_path / "half", decision_makers=["coin"], measures=["error"]).protection() == []
+
+
+@pytest.mark.parametrize("kind", ["given", "random"])
+def test_repeats_of_the_same_figures_are_pointed_out(kind: str, tmp_path: Path) -> None:
+    market = {"means": [[0.02, 0.01], [-0.03, 0.0]], "covariances": [[[0.002, 0.0], [0.0, 0.001]]] * 2}
+    plan = PLAN | {"problem": {"risk_aversion": 5.0}, "decision_makers": ["ODM", "uniform"]}
+    plan |= {"world": {"kind": kind} | (market if kind == "given" else {})}
+    study = run_study(Study.of(plan | {"repeats": 3}), tmp_path)
+    said = "All 3 repeats gave the same figures"
+    assert (said in " ".join(study_page.study_verdict(study))) is (kind == "given")
+    alone = run_study(Study.of(plan | {"repeats": 1}), tmp_path / "alone")
+    assert "gave the same figures" not in " ".join(study_page.study_verdict(alone))

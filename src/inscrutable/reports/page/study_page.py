@@ -324,6 +324,7 @@ def _verdict(study: Study, means: StudyMeans) -> list[str]:
         *costs,
         *holds,
         *_repeats_told(means.count[setting], file_of(study).repeats),
+        *_same_told(means.quantiles[setting], int(means.count[setting].max())),
         *study.cautions(),
         *_elsewhere(means, found[places[0]], budget, places[0]),
     ]
@@ -339,6 +340,15 @@ def _repeats_told(count: np.ndarray, repeats: int) -> list[str]:
     if most < repeats:
         return [f"This rests on the {most} of {repeats} repeats that have all figures."]
     return []
+
+
+def _same_told(quantiles: np.ndarray, repeats: int) -> list[str]:
+    """Return a sentence where all repeats gave the same figures, whose quantiles along the last axis are then equal."""
+    if repeats < 2 or np.nanmax(quantiles[..., -1] - quantiles[..., 0]) > 0:
+        return []
+    return [
+        f"All {repeats} repeats gave the same figures: intervals of ± 0 do not show how figures would differ in other markets."
+    ]
 
 
 def _costs_told(means: StudyMeans, found: Ranking) -> tuple[list[str], list[str]]:

@@ -203,6 +203,11 @@ def test_a_part_that_ends_the_program_fails_its_task_alone(part, body, said, tmp
     assert re.search(rf"^task 0 \(\w+\): {said.format(f'ends_{part}')}", errors), errors
 
 
+def test_an_error_that_is_no_utf_8_is_kept_in_its_row(tmp_path, monkeypatch):
+    body = r"def decide_many(self, beliefs): raise ValueError('caf\udcff caf\xe9')"
+    assert "ValueError: caf\\udcff caf\xe9 " in errors_of("unwritten", "Optimal", body, tmp_path, monkeypatch)
+
+
 def test_an_observation_model_without_means_needs_a_problem_of_its_own(tmp_path, monkeypatch):
     (tmp_path / "without_means.py").write_text(PARTS)
     monkeypatch.syspath_prepend(str(tmp_path))

@@ -176,7 +176,8 @@ class TaskRunner(ABC):
         except (Exception, SystemExit) as reason:  # a user's part may call sys.exit
             pass_interrupt(reason)
             status, error = FAILED, f"unexpected {type(reason).__name__}: {reason}"
-        return Done(task, status, found, time.perf_counter() - started, error)
+        storable = error.encode("utf-8", "backslashreplace").decode()  # a lone surrogate is no UTF-8
+        return Done(task, status, found, time.perf_counter() - started, storable)
 
     def row_of(self, done: Done) -> Row:
         """Return the row of a task, with its identity and the first 64 bits of its child seed."""

@@ -502,6 +502,11 @@ def test_a_budget_of_nothing_is_not_drawn_on_an_axis_of_rounding(found: Comparis
         assert axis.get_xlim() == (0.0, 1.0) or not axis.get_visible()
 
 
+def test_optimal_decisions_alone_are_not_drawn_on_an_axis_of_rounding(found: Comparison, kept: list[Any]) -> None:
+    draw_comparison(replace(found, rows=found.of("ODM")), Path())
+    assert {axis.get_xlim() for axis in kept[0].axes if axis.get_visible()} == {(0.0, 1.0)}
+
+
 def test_nothing_overlaps_in_the_picture(found: Comparison, kept: list[Any]) -> None:
     draw_comparison(found, Path())
     figure = kept[0]

@@ -145,6 +145,12 @@ def test_privacy_over_labelled_steps(chart: tuple[Any, Any], tmp_path: Path) -> 
     assert_written_whole(figure, tmp_path)
 
 
+def test_timesteps_are_whole_numbers(chart: tuple[Any, Any]) -> None:
+    _, axes = chart
+    plot_privacy(axes, {"ODM": [0, 0, 0], "CDM": [0.5, 1, 0.7]})
+    assert all(tick == round(tick) for tick in axes.get_xticks())
+
+
 def test_trade_off_shows_mean_and_spread(chart: tuple[Any, Any], tmp_path: Path) -> None:
     figure, axes = chart
     runs = np.random.default_rng(0).random((20, 3))

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from inscrutable import tolerances
 from inscrutable.experiments.comparison import Comparison
 from inscrutable.experiments.comparison_measures import ComparisonRow
 from inscrutable.privacy.repeated import SIDE
@@ -116,7 +117,8 @@ def draw_rival(comparison: Comparison, folder: Path) -> list[Path]:
             along = scale * np.array([row.expected_regret for row in rows])
             heights = high * np.array([row.rival_worth for row in rows])
             _curve(axes, along, heights, np.zeros(len(rows)), maker, looks[maker])
-        if comparison.rival_is_own and comparison.silence_regret > 0:
+        copies = comparison.rival_is_own and comparison.silence_regret > 0
+        if copies:
             ends = np.array([0.0, PERCENT])
             axes.plot(
                 ends,
@@ -127,7 +129,7 @@ def draw_rival(comparison: Comparison, folder: Path) -> list[Path]:
                 label="copying: lower bound, up to sampling",
                 zorder=2,
             )
-        axes.set_xlim(0.0, None if max(comparison.budgets) > 0 else 1.0)
+        axes.set_xlim(0.0, None if copies else _right_end(comparison))
         axes.set_ylim(0.0, PERCENT)
         axes.set_xlabel(along_name)
         axes.set_ylabel("worth of reading, % of the secret's")
@@ -160,8 +162,13 @@ def _plot_errors(axes: Any, comparison: Comparison, panel: _Panel) -> None:
             label="upper bound of any rule on the candidates, over time",
         )
     axes.set_title(panel.title, loc="left")
-    nothing = max(comparison.budgets) <= 0  # otherwise rounding would determine the axis
-    axes.set_xlim(0.0, 1.0 if nothing else None)
+    axes.set_xlim(0.0, _right_end(comparison))
+
+
+def _right_end(comparison: Comparison) -> float | None:
+    """Return the end of the axis of regrets where nothing is spent, as rounding would determine it; otherwise None."""
+    rounding = tolerances.NO_REGRET * max(comparison.silence_regret, comparison.mean_cost)
+    return 1.0 if max(row.expected_regret for row in comparison.rows) <= rounding else None
 
 
 def _scale(comparison: Comparison) -> tuple[float, str]:

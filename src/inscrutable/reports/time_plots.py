@@ -44,6 +44,8 @@ def plot_costs(
 
 
 def _lines(axes: Any, series: Mapping[str, ArrayLike], steps: ArrayLike | None) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     looks = looks_of(series)
     for name, values in series.items():
         look = looks[name]
@@ -51,6 +53,9 @@ def _lines(axes: Any, series: Mapping[str, ArrayLike], steps: ArrayLike | None) 
         along = np.arange(len(heights)) if steps is None else np.asarray(steps)
         mean = f"{spelled(name)}, mean {np.mean(heights):.3f}"
         axes.plot(along, heights, linewidth=0.8, label=mean, **curve_of(look, "none"))
+    locator = axes.xaxis.get_major_locator()
+    if isinstance(locator, MaxNLocator) and (steps is None or np.asarray(steps).dtype.kind in "iu"):
+        locator.set_params(integer=True)
 
 
 def _finish(axes: Any) -> None:

@@ -257,6 +257,22 @@ def test_a_power_has_its_slope_at_zero(power, least):
     check_decision_problem(problem)
 
 
+@pytest.mark.parametrize("power", [1.5, 3.0])
+def test_lower_partial_moments_are_costs(power):
+    """Of outcomes above the threshold the shortfall is 0, where CVXPY has no slope of a power."""
+    u, point = cp.Variable(2), np.array([0.6, 0.4])
+    returns = np.array([[[0.1, 0.02], [-0.3, 0.01], [0.05, 0.0]], [[-0.2, 0.01], [0.2, 0.03], [0.3, 0.0]]])
+    costs = [cp.sum(cp.power(cp.pos(0.02 - each @ u), power)) - each.mean(axis=0) @ u for each in returns]
+    problem = ConvexProblem(u, costs, simplex(2))
+    short = np.maximum(0.02 - returns @ point, 0.0)
+    wanted = -power * np.einsum("xn,xnu->xu", short ** (power - 1.0), returns) - returns.mean(axis=1)
+    np.testing.assert_allclose(problem.cost_gradients(point), wanted, atol=1e-12)
+    optimum = problem.solve([0.5, 0.5])
+    cp.Problem(cp.Minimize(sum(costs)), [cp.sum(u) == 1, u >= 0]).solve(solver=cp.CLARABEL)
+    np.testing.assert_allclose(optimum, u.value, atol=1e-4)
+    assert consistent_beliefs(problem, optimum).contains([0.5, 0.5])
+
+
 @pytest.mark.parametrize(
     ("atom", "name"),
     [

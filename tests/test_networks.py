@@ -218,10 +218,11 @@ def pypsa_like(**changes):
         "storage_units": none, "shunt_impedances": none, "transformers": none,
         "lines": table({**lines, "s_max_pu": 1.0, "active": True}, ["ab", "bc", "ac"]),
         "lines_t": {"s_max_pu": table(index=["noon", "night"])},
-        "generators": table({**generators, **costs, "active": True}, ["g1", "g2"]),
+        "generators": table({**generators, **costs, "p_set": np.nan, "active": True}, ["g1", "g2"]),
         "generators_t": {key: table(index=["noon", "night"]) for key in (*generators, *costs, "p_set")},
         "loads": table({"bus": ["c", "c"], "p_set": [90.0, 20.0], "active": [True, False]}, ["l", "off"]),
         "loads_t": {"p_set": table({"l": [100.0, 60.0]}, ["noon", "night"])},
+        "components": {"Generator": {"attrs": table({"default": [np.nan]}, ["p_set"])}},
         "calculate_dependent_values": lambda: None,
     }  # fmt: skip
     return SimpleNamespace(**(given | changes))
@@ -260,6 +261,13 @@ def test_a_network_with_the_tables_of_pypsa():
     )
     with pytest.raises(InputError, match="snapshot 'dawn' is none of noon, night"):
         ins.from_pypsa(pypsa_like(), "dawn")
+
+
+def test_older_versions_of_pypsa_give_outputs_a_set_point_that_binds_nothing():
+    """Before PyPSA 1.0 its default is 0, and power flow alone reads it."""
+    older = {"Generator": {"attrs": pd.DataFrame({"default": [0.0]}, ["p_set"])}}
+    network = ins.from_pypsa(pypsa_like(generators=pypsa_like().generators.assign(p_set=0.0), components=older))
+    assert dispatch_problem(network).optimal_cost([1.0]) == pytest.approx(1200.0)
 
 
 @pytest.mark.audit

@@ -174,7 +174,9 @@ def _check_fixed(table: Any, key: str, what: str) -> None:
 
 def _check_units(network: Any, units: Any, snapshot: Any) -> None:
     """Raise `InputError` where a generator has what changes its dispatch and is not read."""
-    fixed = _at(network, "generators", "p_set", snapshot)[units.index].notna() if "p_set" in units else ()
+    # Before PyPSA 1.0 the default of p_set is 0, and power flow alone reads it.
+    is_output = np.isnan(network.components["Generator"]["attrs"].loc["p_set", "default"])
+    fixed = _at(network, "generators", "p_set", snapshot)[units.index].notna() & is_output
     for found, what in (
         (units.get("committable", 0) != 0, "are committed, which is no convex problem"),
         (fixed, "have a fixed output p_set: give them equal p_min_pu and p_max_pu"),

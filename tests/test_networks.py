@@ -242,6 +242,8 @@ def test_a_network_with_the_tables_of_pypsa():
         ({"processes": kept}, r"has processes in service \(cable\)"),
         ({"global_constraints": pd.DataFrame({"sense": ["<="]}, ["co2"])}, r"global_constraints in service \(co2\)"),
         ({"buses": pypsa_like().buses.assign(carrier=["AC", "DC", "AC"])}, "the buses b are of direct current"),
+        ({"loads": pypsa_like().loads.assign(bus="z")}, "the load 'l' is at bus 'z', which is none of a, b, c"),
+        ({"has_scenarios": True}, "the network has scenarios"),
         *(
             ({"generators": pypsa_like().generators.assign(**{key: values})}, f"the generators g2 {said}")
             for key, values, said in (
@@ -261,6 +263,15 @@ def test_a_network_with_the_tables_of_pypsa():
     )
     with pytest.raises(InputError, match="snapshot 'dawn' is none of noon, night"):
         ins.from_pypsa(pypsa_like(), "dawn")
+
+
+def test_a_day_of_many_hours_is_no_snapshot():
+    hours = pd.date_range("2030-01-01", periods=2, freq="h")
+    network = pypsa_like(snapshots=hours, loads_t={"p_set": pd.DataFrame({"l": [100.0, 60.0]}, hours)})
+    assert ins.from_pypsa(network, "2030-01-01 01:00").demand.sum() == 60.0
+    for odd in ("2030-01-01", ["2030-01-01 01:00"]):
+        with pytest.raises(InputError, match=r"snapshot .* is none of 2030-01-01 00:00:00"):
+            ins.from_pypsa(network, odd)
 
 
 def test_older_versions_of_pypsa_give_outputs_a_set_point_that_binds_nothing():

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from pandas import Series
+from pandas.errors import InvalidIndexError
 
 from inscrutable.axes import few
 from inscrutable.datasets._matlab import CaseTable
@@ -104,8 +105,8 @@ def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
 
     Raises:
         InputError: `network` is not a PyPSA network, has no such snapshot, or has what the dispatch problem does not support:
-            links, processes, stores or storage units in service, global constraints, extendable capacities, buses of direct
-            current, generators that are committed, of fixed output, of negative sign or of limited energy.
+            links, processes, stores or storage units in service, global constraints, scenarios, extendable capacities, buses of
+            direct current, generators that are committed, of fixed output, of negative sign or of limited energy.
 
     Cost: O(elements). Source: Brown, Hörsch, Schlachtberger, PyPSA (Journal of Open Research Software 6, 2018).
 
@@ -117,10 +118,9 @@ def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
     """
     if not all(hasattr(network, name) for name in ("buses", "snapshots", "generators_t")):
         raise InputError(f"network must be a PyPSA network with buses and snapshots, got {network!r:.60}")
-    if snapshot is None and len(network.snapshots):
-        snapshot = network.snapshots[0]
-    if snapshot not in network.snapshots:
-        raise InputError(f"snapshot {snapshot!r} is none of {few(network.snapshots)}")
+    if getattr(network, "has_scenarios", False):
+        raise InputError("the network has scenarios; a dispatch here takes one: network.get_scenario(name)")
+    snapshot = _one_snapshot(network.snapshots, snapshot)
     for name in _CLOSED:
         _check_out_of_service(name, _active(getattr(network, name, ())))  # older versions have no processes
     network.calculate_dependent_values()
@@ -130,6 +130,8 @@ def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
     loads = Series(0.0, index=list(network.buses.index))
     demand = _at(network, "loads", "p_set", snapshot)
     for name, row in _active(network.loads).iterrows():
+        if row["bus"] not in loads.index:
+            raise InputError(f"the load {name!r} is at bus {row['bus']!r}, which is none of {few(loads.index)}")
         loads[row["bus"]] -= row.get("sign", -1.0) * demand[name]
     if len(network.shunt_impedances):
         logging.getLogger(__name__).warning(
@@ -153,6 +155,19 @@ def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
         ends,
         data,
     )
+
+
+def _one_snapshot(known: Any, snapshot: Any) -> Any:
+    """Return the snapshot that is meant, the first for None; a day of many hours is none of them."""
+    if snapshot is None and len(known):
+        return known[0]
+    try:
+        place = known.get_loc(snapshot)
+    except (KeyError, TypeError, ValueError, InvalidIndexError):
+        place = None
+    if not isinstance(place, (int, np.integer)):
+        raise InputError(f"snapshot {snapshot!r} is none of {few(known)}")
+    return known[place]
 
 
 def _active(table: Any, key: str = "active") -> Any:

@@ -228,6 +228,14 @@ def pypsa_like(**changes):
     return SimpleNamespace(**(given | changes))
 
 
+class WithPieces(dict):
+    """PyPSA's description of generators, of which g2 has piecewise costs."""
+
+    @property
+    def piecewise(self):
+        return {"marginal_cost": pd.DataFrame(columns=[["g2", "g2"], ["p_pu", "marginal_cost"]])}
+
+
 def test_a_network_with_the_tables_of_pypsa():
     """100 MW at c from a: 50 over each way, which the cheaper unit alone feeds: 10·100 + 0.02·100² (PyPSA's own optimum)."""
     noon, night = (dispatch_problem(ins.from_pypsa(pypsa_like(), each)) for each in ("noon", "night"))
@@ -242,8 +250,13 @@ def test_a_network_with_the_tables_of_pypsa():
         ({"processes": kept}, r"has processes in service \(cable\)"),
         ({"global_constraints": pd.DataFrame({"sense": ["<="]}, ["co2"])}, r"global_constraints in service \(co2\)"),
         ({"buses": pypsa_like().buses.assign(carrier=["AC", "DC", "AC"])}, "the buses b are of direct current"),
+        (
+            {"lines": pypsa_like().lines.assign(phase_shift_min=-5.0, phase_shift_max=5.0)},
+            "a phase shift to be optimised",
+        ),
         ({"loads": pypsa_like().loads.assign(bus="z")}, "the load 'l' is at bus 'z', which is none of a, b, c"),
         ({"has_scenarios": True}, "the network has scenarios"),
+        ({"components": {"Generator": WithPieces(pypsa_like().components["Generator"])}}, "g2 have piecewise costs"),
         *(
             ({"generators": pypsa_like().generators.assign(**{key: values})}, f"the generators g2 {said}")
             for key, values, said in (
@@ -252,6 +265,9 @@ def test_a_network_with_the_tables_of_pypsa():
                 ("sign", [1.0, -1.0], "have a sign"),
                 ("e_sum_max", [np.inf, 10.0], "have a limit e_sum_max"),
                 ("e_sum_min", [-np.inf, 10.0], "have a limit e_sum_min"),
+                ("maintainable", [False, True], "are maintained"),
+                ("ramp_limit_up", [np.nan, 0.3], "have a limit on ramps"),
+                ("ramp_limit_down", [np.nan, 0.3], "have a limit on ramps"),
             )
         ),
     ):
@@ -265,6 +281,38 @@ def test_a_network_with_the_tables_of_pypsa():
         ins.from_pypsa(pypsa_like(), "dawn")
 
 
+def test_older_versions_of_pypsa_give_outputs_a_set_point_that_binds_nothing():
+    """Before PyPSA 1.0 its default is 0, and power flow alone reads it."""
+    older = {"Generator": {"attrs": pd.DataFrame({"default": [0.0]}, ["p_set"])}}
+    network = ins.from_pypsa(pypsa_like(generators=pypsa_like().generators.assign(p_set=0.0), components=older))
+    assert dispatch_problem(network).optimal_cost([1.0]) == pytest.approx(1200.0)
+
+
+def test_limits_of_angles_and_phase_shifts_of_pypsa():
+    """A quarter of 100 MW flows over ac if b feeds c, and a half if a does: 40 MW, 0.08 rad, leave 60 to the cheaper unit."""
+    limited = pypsa_like().lines.assign(v_ang_max=[np.inf, np.inf, np.degrees(0.08)])
+    problem = dispatch_problem(ins.from_pypsa(pypsa_like(lines=limited)))
+    np.testing.assert_allclose(problem.solve([1.0]), [60.0, 40.0])
+    shifted = {"transformers": limited.assign(phase_shift=0.0), "lines": limited[:2]}
+    shifts = {"phase_shift": pd.DataFrame({"ac": [1.0, -2.0]}, ["noon", "night"])}
+    changes = shifted | {"transformers_t": shifts | {"s_max_pu": pd.DataFrame()}}
+    for snapshot, degrees in (("noon", 1.0), ("night", -2.0)):
+        driven = -np.radians(degrees) / 0.002
+        read = ins.from_pypsa(pypsa_like(**changes), snapshot).line_data[-1]
+        np.testing.assert_allclose(read, [0.002, max(-60.0, driven - 40.0), min(60.0, driven + 40.0), driven])
+
+
+def test_an_investment_period_of_pypsa_has_what_stands_then():
+    snapshots = pd.MultiIndex.from_product([[2030, 2040], ["noon", "night"]])
+    built = pypsa_like().generators.assign(build_year=2020, lifetime=[15.0, np.inf], p_nom=200.0)
+    network = pypsa_like(snapshots=snapshots, generators=built, loads_t={}, lines=pypsa_like().lines.assign(s_nom=90.0))
+    for snapshot, dispatched in (((2030, "noon"), [90.0, 0.0]), ((2040, "noon"), [90.0])):
+        problem = dispatch_problem(ins.from_pypsa(network, snapshot))
+        np.testing.assert_allclose(problem.solve([1.0]), dispatched, atol=1e-9)
+    with pytest.raises(InputError, match="snapshot 2030 is none of"):
+        ins.from_pypsa(network, 2030)
+
+
 def test_a_day_of_many_hours_is_no_snapshot():
     hours = pd.date_range("2030-01-01", periods=2, freq="h")
     network = pypsa_like(snapshots=hours, loads_t={"p_set": pd.DataFrame({"l": [100.0, 60.0]}, hours)})
@@ -272,13 +320,6 @@ def test_a_day_of_many_hours_is_no_snapshot():
     for odd in ("2030-01-01", ["2030-01-01 01:00"]):
         with pytest.raises(InputError, match=r"snapshot .* is none of 2030-01-01 00:00:00"):
             ins.from_pypsa(network, odd)
-
-
-def test_older_versions_of_pypsa_give_outputs_a_set_point_that_binds_nothing():
-    """Before PyPSA 1.0 its default is 0, and power flow alone reads it."""
-    older = {"Generator": {"attrs": pd.DataFrame({"default": [0.0]}, ["p_set"])}}
-    network = ins.from_pypsa(pypsa_like(generators=pypsa_like().generators.assign(p_set=0.0), components=older))
-    assert dispatch_problem(network).optimal_cost([1.0]) == pytest.approx(1200.0)
 
 
 @pytest.mark.audit

@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from pandas import Series
+from pandas import DataFrame, Series
 from pandas.errors import InvalidIndexError
 
 from inscrutable.axes import few
@@ -94,10 +94,12 @@ def _name_buses(net: Any, values: dict[str, Array]) -> None:
 def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
     """Return one snapshot of a PyPSA network.
 
-    Formula: the flow of a line is (θ_0 − θ_1 − φ)/x with PyPSA's effective per-unit reactance.
+    Formula: the flow of a line is (θ_0 − θ_1 − φ)/x with PyPSA's effective per-unit reactance, and |θ_0 − θ_1| ≤ `v_ang_max`,
+    which PyPSA before 1.4 does not enforce.
 
     Args:
-        network: The network. Buses keep their names; inactive elements are left out.
+        network: The network. Buses keep their names; elements that are inactive, or not built in the snapshot's investment
+            period, are left out.
         snapshot: One of its snapshots; None is the first.
 
     Returns:
@@ -106,7 +108,8 @@ def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
     Raises:
         InputError: `network` is not a PyPSA network, has no such snapshot, or has what the dispatch problem does not support:
             links, processes, stores or storage units in service, global constraints, scenarios, extendable capacities, buses of
-            direct current, generators that are committed, of fixed output, of negative sign or of limited energy.
+            direct current, phase shifts to be optimised, generators that are committed or maintained, of fixed output, of
+            negative sign, of limited energy, with limits on ramps or with piecewise costs.
 
     Cost: O(elements). Source: Brown, Hörsch, Schlachtberger, PyPSA (Journal of Open Research Software 6, 2018).
 
@@ -121,8 +124,9 @@ def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
     if getattr(network, "has_scenarios", False):
         raise InputError("the network has scenarios; a dispatch here takes one: network.get_scenario(name)")
     snapshot = _one_snapshot(network.snapshots, snapshot)
-    for name in _CLOSED:
-        _check_out_of_service(name, _active(getattr(network, name, ())))  # older versions have no processes
+    period = snapshot[0] if network.snapshots.nlevels > 1 else None
+    for name in _CLOSED:  # older versions have no processes
+        _check_out_of_service(name, _active(getattr(network, name, ()), period=period))
     network.calculate_dependent_values()
     direct = network.buses.index[network.buses["carrier"] == "DC"] if "carrier" in network.buses else ()
     if len(direct):
@@ -137,7 +141,7 @@ def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
         logging.getLogger(__name__).warning(
             "inscrutable: shunt impedances are no load of a linear flow in PyPSA; left out"
         )
-    units = _active(network.generators)
+    units = _active(network.generators, period=period)
     _check_fixed(units, "p_nom_extendable", "generators")
     _check_units(network, units, snapshot)
     size = units["p_nom"].to_numpy(dtype=np.float64)
@@ -145,7 +149,7 @@ def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
         _at(network, "generators", key, snapshot)[units.index].to_numpy(dtype=np.float64)
         for key in ("p_min_pu", "p_max_pu", "marginal_cost", "marginal_cost_quadratic")
     )
-    ends, data = _branches(network, snapshot)
+    ends, data = _branches(network, snapshot, period)
     return PowerNetwork(
         loads,
         units["bus"].to_numpy(dtype=object),
@@ -170,7 +174,10 @@ def _one_snapshot(known: Any, snapshot: Any) -> Any:
     return known[place]
 
 
-def _active(table: Any, key: str = "active") -> Any:
+def _active(table: Any, key: str = "active", period: Any = None) -> Any:
+    """Return the elements in service, in an investment period those that stand then."""
+    if period is not None and {"build_year", "lifetime"} <= set(table):
+        table = table[(table["build_year"] <= period) & (period < table["build_year"] + table["lifetime"])]
     return table[table[key].astype(bool)] if key in table and len(table) else table
 
 
@@ -189,12 +196,20 @@ def _check_fixed(table: Any, key: str, what: str) -> None:
 
 def _check_units(network: Any, units: Any, snapshot: Any) -> None:
     """Raise `InputError` where a generator has what changes its dispatch and is not read."""
+    kind = network.components["Generator"]
     # Before PyPSA 1.0 the default of p_set is 0, and power flow alone reads it.
-    is_output = np.isnan(network.components["Generator"]["attrs"].loc["p_set", "default"])
-    fixed = _at(network, "generators", "p_set", snapshot)[units.index].notna() & is_output
+    is_output = np.isnan(kind["attrs"].loc["p_set", "default"])
+    up, down, fixed = (
+        np.isfinite(_at(network, "generators", key, snapshot)[units.index])
+        for key in ("ramp_limit_up", "ramp_limit_down", "p_set")
+    )
+    pieces = getattr(kind, "piecewise", {}).get("marginal_cost", DataFrame()).columns.get_level_values(0)
     for found, what in (
         (units.get("committable", 0) != 0, "are committed, which is no convex problem"),
-        (fixed, "have a fixed output p_set: give them equal p_min_pu and p_max_pu"),
+        (units.get("maintainable", 0) != 0, "are maintained at times that PyPSA chooses"),
+        (fixed & is_output, "have a fixed output p_set: give them equal p_min_pu and p_max_pu"),
+        (up | down, "have a limit on ramps between snapshots"),
+        (units.index.isin(pieces), "have piecewise costs"),
         (units.get("sign", 1.0) != 1.0, "have a sign other than 1"),
         (np.isfinite(units.get("e_sum_max", np.inf)), "have a limit e_sum_max on their energy"),
         (np.isfinite(units.get("e_sum_min", -np.inf)), "have a limit e_sum_min on their energy"),
@@ -203,30 +218,36 @@ def _check_units(network: Any, units: Any, snapshot: Any) -> None:
             raise InputError(f"the generators {few(units.index[found])} {what}; a dispatch here does not know that")
 
 
-def _at(network: Any, name: str, key: str, snapshot: Any) -> Series:
-    """Return an attribute of all elements of a kind at a snapshot, static or time-varying."""
-    static, varying = getattr(network, name)[key], getattr(network, f"{name}_t")[key]
-    found = static.astype(float).copy()
+def _at(network: Any, name: str, key: str, snapshot: Any, unsaid: float = np.nan) -> Series:
+    """Return an attribute of all elements of a kind at a snapshot, static or time-varying; `unsaid` where there is none."""
+    table, varying = getattr(network, name), getattr(network, f"{name}_t").get(key, DataFrame())
+    found = Series(table.get(key, unsaid), table.index, dtype=np.float64, copy=True)
     if len(varying.columns):
         found[varying.columns] = varying.loc[snapshot]
-    return Series(found)
+    return found
 
 
-def _branches(network: Any, snapshot: Any) -> tuple[np.ndarray, Array]:
+def _branches(network: Any, snapshot: Any, period: Any) -> tuple[np.ndarray, Array]:
     """Return ends (L,2), and reactance, minimum and maximum flow and shift flow (L,4), of lines and transformers."""
     ends: list[Any] = []
     data: list[tuple[float, ...]] = []
     for name in _LINES:
-        table = _active(getattr(network, name))
+        table = _active(getattr(network, name), period=period)
         _check_fixed(table, "s_nom_extendable", name)
         if not len(table):
             continue
-        shares = _at(network, name, "s_max_pu", snapshot)
+        shares, shifts = (_at(network, name, key, snapshot, 0.0) for key in ("s_max_pu", "phase_shift"))
         for label, row in table.iterrows():
             limit = float(row["s_nom"]) * float(shares[label])
-            reactance, shift = float(row["x_pu_eff"]), float(np.radians(row.get("phase_shift", 0.0)))
+            reactance = float(row["x_pu_eff"])
             if reactance == 0:
                 raise InputError(f"{name} {label!r} has no reactance; expected one that is not 0")
+            if row.get("phase_shift_min", 0.0) < row.get("phase_shift_max", 0.0):
+                raise InputError(
+                    f"{name} {label!r} has a phase shift to be optimised, which a dispatch here does not know"
+                )
+            driven = -float(np.radians(shifts[label])) / reactance
+            turned = float(np.radians(row.get("v_ang_max", np.inf))) / abs(reactance)
             ends.append((row["bus0"], row["bus1"]))
-            data.append((reactance, -limit, limit, -shift / reactance))
+            data.append((reactance, max(-limit, driven - turned), min(limit, driven + turned), driven))
     return np.array(ends, dtype=object).reshape(-1, 2), np.array(data, dtype=np.float64).reshape(-1, 4)

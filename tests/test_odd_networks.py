@@ -67,6 +67,7 @@ REFUSED = [
     ("1 7 0 0.1", "1 8 0 0.1", "line 17: a branch is at bus 8, which is not in the table bus"),
     ("1 7 0 0.1", "1 1 0 0.1", "line 17: a branch has bus 1 at both ends"),
     ("1 7 0 0.1", "1 7 0 0", "line 17: a branch has no reactance"),
+    ("0.1 0 30 0", "0.1 0 NaN 0", "line 17: a branch has a limit of nan MW"),
     ("0.1 0 30 0", "0.1 0 -30 0", "line 17: a branch has a limit of -30 MW"),
     ("0 0 1 0 0;", "0 0 0 0 0;", "do not connect all buses"),
     ("0 0 1 0 0;", "0 0 1 20 -20;", "line 17: the angle limits of a branch, 20 and -20 degrees, exclude"),
@@ -112,6 +113,31 @@ def test_what_changes_nothing_changes_nothing(old, new, tmp_path):
     assert old in CASE
     (tmp_path / "same.m").write_bytes(CASE.replace(old, new).encode())
     np.testing.assert_allclose(dispatch_problem(load_matpower(tmp_path / "same.m")).solve([1.0]), BEST)
+
+
+@pytest.mark.parametrize("limit", ["0", "Inf"])
+def test_a_line_without_a_limit(limit, tmp_path):
+    """The marginal costs 1 + 0.04 u and 2 + 0.02 (50 − u) are equal."""
+    (tmp_path / "free.m").write_text(CASE.replace("0.1 0 30 0", f"0.1 0 {limit} 0"))
+    np.testing.assert_allclose(dispatch_problem(load_matpower(tmp_path / "free.m")).solve([1.0]), [100 / 3, 50 / 3])
+
+
+def test_a_net_of_pandapower_with_costs_and_limits_left_out(monkeypatch):
+    """A unit of 40 MW at no cost, two lines without a limit beside one of 30 MW, and one between joined buses."""
+    case = {
+        "baseMVA": 100.0,
+        "bus": np.array([[0.0, 3, 0, 0, 0], [1, 1, 50, 0, 0]]),
+        "gen": np.array([[0.0, 0, 0, 0, 0, 1, 100, 1, 80, 10], [1, 0, 0, 0, 0, 1, 100, 1, 40, 0]]),
+        "gencost": np.array([[2.0, 0, 0, 3, 0.02, 1, 5], [2, 0, 0, 0, 0, 0, 0]]),
+        "branch": np.array([[0.0, 1, 0, 0.1, 0, rate, 0, 0, 0, 0, 1, 0, 0] for rate in (30.0, np.nan, np.nan)]),
+    }
+    case["branch"][2, 1] = 0
+    monkeypatch.setitem(
+        sys.modules, "pandapower.converter.pypower.to_ppc", SimpleNamespace(to_ppc=lambda net, **options: case)
+    )
+    network = from_pandapower(SimpleNamespace(bus=pd.DataFrame(index=[0, 1])))
+    np.testing.assert_array_equal(network.flow_limits, [[-30, 30], [-np.inf, np.inf]])
+    np.testing.assert_allclose(dispatch_problem(network).solve([1.0]), [10.0, 40.0])
 
 
 @pytest.mark.parametrize("name", ["dcline", "vsc", "tcsc", "xward"])

@@ -39,7 +39,7 @@ def load_matpower(path: PathLike, *, convention: Convention = "powermodels") -> 
       get the orientation of the last one; r and x of a reversed one are multiplied by its squared tap.
     - "matpower": (θ_f − θ_t − φ)/(x·tap). Angles are limited only where the case has limits.
 
-    Elements out of service and isolated buses are left out. Shunt conductances Gs are loads. A limit of 0 means no limit.
+    Elements out of service and isolated buses are left out. Shunt conductances Gs are loads. A limit of 0 or Inf is none.
     Labels of buses are the case's numbers. A generator with piecewise linear costs becomes one unit per piece at the same bus.
 
     Args:
@@ -245,7 +245,7 @@ class CaseTables:
     def _lines(self, rows: list[int], convention: Convention, base: float) -> tuple[np.ndarray, Array]:
         """Return ends (L,2), and reactance, minimum and maximum flow and shift flow (L,4)."""
         values = self.tables["branch"].values
-        said = (2, 3, 5, 8, 9) if values.shape[1] < 13 else (2, 3, 5, 8, 9, 11, 12)
+        said = (2, 3, 8, 9) if values.shape[1] < 13 else (2, 3, 8, 9, 11, 12)
         self._check_numbers("branch", rows, said)
         angles = np.zeros((len(values), 2)) if values.shape[1] < 13 else values[:, 11:13]
         pointing = {
@@ -254,8 +254,8 @@ class CaseTables:
         ends, data = [], []
         for row in rows:
             start, end, r, x, rate, tap, shift = values[row, [0, 1, 2, 3, 5, 8, 9]]
-            if rate < 0 or start == end:
-                what = f"a limit of {rate:g} MW" if rate < 0 else f"bus {start:g} at both ends"
+            if not rate >= 0 or start == end:
+                what = f"a limit of {rate:g} MW" if not rate >= 0 else f"bus {start:g} at both ends"
                 raise InputError(f"{self._at('branch', row)}: a branch has {what}")
             low, high = angles[row]
             if low > high and high:

@@ -34,7 +34,8 @@ def from_pandapower(net: Any, *, convention: Convention = "matpower") -> PowerNe
 
     Args:
         net: The net, with limits and costs of its generators. Buses keep its indices; buses joined by closed switches have the
-            index of the first.
+            index of the first, and lines between them are left out. As in pandapower, what has no cost costs nothing, and a
+            line without a limit has none.
         convention: As for `load_matpower`; pandapower's own is "matpower".
 
     Returns:
@@ -71,6 +72,7 @@ def from_pandapower(net: Any, *, convention: Convention = "matpower") -> PowerNe
         if name not in values or values[name].ndim != 2 or values[name].shape[1] < _LEAST_COLUMNS[name]:
             raise InputError(f"the net gives no table {name}: expected generators with costs and limits, and branches")
     _name_buses(net, values)
+    _say_what_is_left_out(values)
     tables = {name: CaseTable(each, ()) for name, each in values.items()}
     tables["baseMVA"] = CaseTable(np.array([[float(np.real(case["baseMVA"]))]]), ())
     return CaseTables("the net", tables).network(convention)
@@ -89,6 +91,14 @@ def _name_buses(net: Any, values: dict[str, Array]) -> None:
     for name, columns in (("bus", (0,)), ("gen", (0,)), ("branch", (0, 1))):
         for column in columns:
             values[name][:, column] = [named[int(number)] for number in values[name][:, column]]
+
+
+def _say_what_is_left_out(values: dict[str, Array]) -> None:
+    """Write missing limits of lines and missing costs as MATPOWER does, and drop lines from a bus to itself."""
+    lines, costs = values["branch"], values["gencost"]
+    lines[np.isnan(lines[:, 5]), 5] = 0.0
+    costs[costs[:, 3] == 0, :5] = (2.0, 0.0, 0.0, 1.0, 0.0)
+    values["branch"] = lines[lines[:, 0] != lines[:, 1]]
 
 
 def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:

@@ -203,6 +203,16 @@ def test_a_study_on_a_network_of_ones_own(tmp_path):
             ins.Study.read(tmp_path / "own.toml")
 
 
+def test_a_study_on_one_bus_without_lines(tmp_path):
+    (tmp_path / "grid.m").write_text(
+        "mpc.version='2'; mpc.baseMVA=100;\nmpc.bus=[4 3 100 0 0];\nmpc.gen=[4 0 0 0 0 1 100 1 120 10];\n"
+        "mpc.gencost=[2 0 0 3 0.02 1 5];\nmpc.branch=[];\n"
+    )
+    (tmp_path / "own.toml").write_text(STUDY)
+    study = ins.run_study(tmp_path / "own.toml", tmp_path / "out", limit=1)
+    assert study.frame()["status"].iloc[0] == "done", list(study.errors())
+
+
 # --- objects of other packages ----------------------------------------------------------------------------------------
 
 

@@ -29,6 +29,9 @@ from inscrutable.validation import Array
 Function = Callable[[Array], ArrayLike]
 
 _MOST_CUTS = 200
+_SOLVER_SHARE = 0.1
+"""Share of `KINKED` that the interior-point solver leaves, in the scale in which it solves: of 500 drawn problems it left up to
+4e-8, but for one where it failed in that scale."""
 
 
 class ConvexProblem(DecisionProblem):
@@ -348,7 +351,8 @@ class ConvexProblem(DecisionProblem):
         rows = np.zeros((0, self.n_states))
         fresh = np.eye(self.n_states)
         # Costs may all be zero at a decision that every state takes; the solver's errors are not.
-        scale = max(float(np.abs(own).max()), self._model.scale if self._model else 0.0, np.finfo(float).tiny)
+        left = _SOLVER_SHARE * self._model.scale if self._model else 0.0
+        scale = max(float(np.abs(own).max()), left, np.finfo(float).tiny)
         for _ in range(_MOST_CUTS):
             planes = self.state_costs(self.solve(fresh)) - own
             losses = -(fresh * planes).sum(axis=1) if len(rows) else np.full(len(fresh), np.inf)

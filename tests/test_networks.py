@@ -114,6 +114,16 @@ def test_buses_are_named_by_labels_and_kept_so():
         dispatch_problem(network, ["soth"], [[5.0], [25.0]])
 
 
+def test_labels_are_texts_and_numbers_side_by_side():
+    network = ins.PowerNetwork(
+        {"a": 0.0, 1: 50.0}, ["a", 1], [80.0, 40.0], [0.02, 0.01], [1, 2], [["a", 1]], [[0.1, 30.0]]
+    )
+    assert list(network.generator_buses) == ["a", 1]
+    assert network.places([1], "bus").tolist() == [1]
+    plain = ins.PowerNetwork([0.0, 50.0], [0, 1], [80.0, 40.0], [0.02, 0.01], [1, 2], [[0, 1]], [[0.1, 30.0]])
+    np.testing.assert_array_equal(dispatch_problem(network).solve([1.0]), dispatch_problem(plain).solve([1.0]))
+
+
 def test_driven_flows_and_limits_that_differ_by_direction():
     """A shifter that drives 4 MW of 30 changes nothing between two buses, where the balance alone decides."""
     problem = dispatch_problem(two_buses())

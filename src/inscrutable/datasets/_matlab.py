@@ -156,11 +156,18 @@ def _table(name: str, body: str, line: int, least: int, source: Path) -> CaseTab
 
 def _numbers(words: list[str], where: str) -> list[float]:
     try:
-        return [float(word) for word in words]
+        return [_number(word) for word in words]
     except ValueError:
         for word in words:
             try:
-                float(word)
+                _number(word)
             except ValueError:
                 raise InputError(f"{where} has {word[:_SHOWN]!r}; expected numbers") from None
         raise
+
+
+def _number(word: str) -> float:
+    """Python's own reading takes 5_0 for 50; in a case it is a slip."""
+    if "_" in word:
+        raise ValueError
+    return float(word)

@@ -64,7 +64,7 @@ class PowerNetwork:
         self._keep_loads()
         for name in ("generator_buses", "line_ends"):
             self.places(getattr(self, name), name)
-            object.__setattr__(self, name, np.asarray(getattr(self, name)))
+            object.__setattr__(self, name, self._as_array(getattr(self, name)))
         for name, ranks in (("capacities", (1, 2)), ("quadratic_costs", 1), ("linear_costs", (1, 2)), ("line_data", 2)):
             given = validation.finite_array(getattr(self, name), name, ndim=ranks, limits=name == "line_data")
             object.__setattr__(self, name, given)
@@ -81,6 +81,10 @@ class PowerNetwork:
         if labels is not None:
             from pandas import Series
 
+            if any(isinstance(label, (bool, np.bool_)) for label in labels):
+                raise InputError(
+                    f"loads has a bus that is True or False ({few(labels)}); expected text or whole numbers"
+                )
             if len(set(labels)) < len(labels):
                 twice = next(label for label in labels if labels.count(label) > 1)
                 raise InputError(f"loads has the bus {twice!r} {labels.count(twice)} times; labels must differ")
@@ -191,7 +195,7 @@ class PowerNetwork:
 
     def places(self, buses: ArrayLike, name: str) -> np.ndarray:
         """Return the numbers of buses from 0, or raise `InputError` for one that does not exist."""
-        given = np.asarray(buses)
+        given = self._as_array(buses)
         if hasattr(self.loads, "index"):
             return self._labelled_places(given, name)
         if given.size and given.dtype.kind not in "iu":
@@ -201,6 +205,11 @@ class PowerNetwork:
         if bad.size:
             raise InputError(f"{name} has bus {int(bad.flat[0])}, expected 0 to {self.n_buses - 1}")
         return given
+
+    def _as_array(self, buses: ArrayLike) -> np.ndarray:
+        """Buses as an array; a list of text and numbers keeps both."""
+        plain = np.asarray(buses)
+        return np.asarray(buses, dtype=object) if plain.dtype.kind == "U" and hasattr(self.loads, "index") else plain
 
     def __getstate__(self) -> dict[str, object]:
         """A sparse factorisation cannot be pickled: a copy makes its own."""

@@ -552,6 +552,20 @@ def test_a_second_process_is_refused(
     assert other(LOCKED.format(path=str(path))) == "locked\n"
 
 
+def test_a_file_loaded_again_stays_locked_when_the_former_sequence_is_dropped(
+    other: Callable[[str], str], fresh_rng: np.random.Generator, tmp_path: Path
+) -> None:
+    path, maker = tmp_path / "state.npz", maker_of(fresh_rng)
+    former = saved(maker, path, fresh_rng)
+    (tmp_path / "link").symlink_to(path)
+    latter = maker.begin().load(tmp_path / "link")
+    former.close()
+    del former
+    assert "in use by another process" in other(LOCKING.format(path=str(path)))
+    latter.close()
+    assert other(LOCKED.format(path=str(path))) == "locked\n"
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

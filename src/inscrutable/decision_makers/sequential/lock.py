@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
+from weakref import WeakValueDictionary
 
 from inscrutable.errors import InputError
 from inscrutable.files import PathLike, path_of, unwritten
@@ -15,36 +17,60 @@ _Found = TypeVar("_Found")
 
 
 class FileLock:
-    """A lock on a path, held until `close`, or the end of the process.
+    """A lock on a path, held until `close`, or the end of the process; objects of one process share it.
 
     Raises:
         InputError: Another process holds it, or the folder cannot be written.
     """
 
-    _held = -1
-
     def __init__(self, path: Path) -> None:
         self.path = path
-        beside = path.with_name(f".{path.name}.lock")
-        try:
-            held = os.open(beside, os.O_RDWR | os.O_CREAT, 0o600)
-        except OSError as error:
-            raise unwritten(path, error) from error
-        try:
-            _take(held)
-        except OSError:
-            os.close(held)
-            raise InputError(f"{path} is in use by another process: wait until it is done, or end it") from None
-        self._held = held
+        self._held: _Held | None = _held(path)
 
     def close(self) -> None:
-        """Release the lock."""
-        if self._held >= 0:
-            os.close(self._held)
-            self._held = -1
+        """Release the lock, unless another object of this process holds it too."""
+        self._held = None
+
+
+class _Held:
+    """The descriptor of a locked file, closed with the last object that uses it.
+
+    The system's lock belongs to the process, and ends when the process closes any descriptor of the file: it has only one.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
 
     def __del__(self) -> None:
-        self.close()
+        os.close(self._descriptor)
+
+
+_ALL_HELD: WeakValueDictionary[tuple[int, Path], _Held] = WeakValueDictionary()
+_ONE_AT_A_TIME = threading.Lock()
+
+
+def _held(path: Path) -> _Held:
+    """The lock of a path, as this process holds it or anew; a forked process does not hold its parent's."""
+    key = os.getpid(), path
+    with _ONE_AT_A_TIME:
+        found = _ALL_HELD.get(key)
+        if found is None:
+            found = _ALL_HELD[key] = _Held(_taken(path))
+        return found
+
+
+def _taken(path: Path) -> int:
+    """The descriptor of the file beside a path, locked."""
+    try:
+        descriptor = os.open(path.with_name(f".{path.name}.lock"), os.O_RDWR | os.O_CREAT, 0o600)
+    except OSError as error:
+        raise unwritten(path, error) from error
+    try:
+        _take(descriptor)
+    except OSError:
+        os.close(descriptor)
+        raise InputError(f"{path} is in use by another process: wait until it is done, or end it") from None
+    return descriptor
 
 
 class KeptInFile:
@@ -59,7 +85,7 @@ class KeptInFile:
             self._lock = None
 
     def _locked(self, path: PathLike) -> None:
-        target = path_of(path, "a saved sequence").absolute()
+        target = Path(os.path.realpath(path_of(path, "a saved sequence")))
         if self._lock is None or self._lock.path != target:
             taken = FileLock(target)
             self.close()

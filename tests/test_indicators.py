@@ -11,6 +11,7 @@ from inscrutable import (
     Budget,
     CounterAdversarialDecisionMaker,
     DecisionStatus,
+    FiniteProblem,
     Infeasibility,
     MarkowitzProblem,
     NonExistence,
@@ -18,6 +19,7 @@ from inscrutable import (
     ProbabilisticDecisionMaker,
     QuadraticProblem,
     box,
+    cheapest_privacy,
     consistent_beliefs,
     decoy_grid,
     plausibility_gap,
@@ -298,3 +300,26 @@ def assert_no_random_decoy_costs_less(rng, n_states):
             assert consistent_beliefs(problem, action).distance(belief) < 0.01
         if found.privacy == 0.0:
             assert consistent_beliefs(problem, found.action).distance(belief) >= 0.01
+
+
+@pytest.mark.parametrize("measure", [NonExistence(0.1), Infeasibility()], ids=repr)
+def test_choices_that_no_belief_explains_meet_the_goal(measure):
+    """By enumeration: a choice is best in each state, and the last one costs more than their least, whatever the belief."""
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        problem = FiniteProblem(np.column_stack([2.0 * (1.0 - np.eye(3)), rng.uniform(1.4, 1.6, size=3)]))
+        belief = rng.dirichlet(np.ones(3))
+        sets = [consistent_beliefs(problem, choice) for choice in range(4)]
+        costs = belief @ problem.costs
+        least = min(costs[k] for k in range(4) if measure(belief, sets[k]) == 0.0) - costs.min()
+        single = CounterAdversarialDecisionMaker(problem, measure, Budget.regret(2.0)).decide(belief)
+        drawn = ProbabilisticDecisionMaker(problem, measure, Budget.regret(2.0)).decide(belief)
+        assert single.regret == pytest.approx(least)
+        assert drawn.expected_regret == pytest.approx(least)
+        assert cheapest_privacy(problem, belief, measure).regret == pytest.approx(least)
+
+
+def test_choices_that_no_belief_explains_are_infinitely_private_where_asked():
+    problem = FiniteProblem([[0.0, 2.0, 1.1], [2.0, 0.0, 1.1]])
+    maker = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(1.0), on_empty="infinite")
+    assert maker.decide([0.9, 0.1]).action == 2

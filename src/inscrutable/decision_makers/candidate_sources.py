@@ -318,9 +318,11 @@ def as_candidates(problem: DecisionProblem, candidates: Candidates | ArrayLike |
 
 
 def candidates_for(
-    problem: DecisionProblem, measure: PrivacyMeasure, given: Candidates | ArrayLike | None
+    problem: DecisionProblem, measure: PrivacyMeasure, given: Candidates | ArrayLike | None, on_empty: str = "exclude"
 ) -> Candidates:
-    """Return given candidates, or the default: decoys, and decisions beside them where unexplained ones can be best."""
-    if given is None and measure.searches_actions:
+    """Return given candidates, or the default: decoys, and decisions beside them where unexplained ones can be best. Of a
+    finite problem these are all choices, wherever an empty consistent set has a value."""
+    counts_empty = measure.judges_empty or on_empty != "exclude"
+    if given is None and (measure.searches_actions or (counts_empty and checked_problem(problem).is_discrete)):
         return near_decoys(problem)
     return as_candidates(problem, given)

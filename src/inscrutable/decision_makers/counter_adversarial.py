@@ -72,7 +72,8 @@ class GlobalSearch:
 class CounterAdversarialDecisionMaker(HidingDecisionMaker[Decision, Decisions]):
     """The counter-adversarial decision maker (CDM): the decision of largest privacy within the budget.
 
-    Formula: max_ū Ψ(ū) over ū ∈ C with ρ(π,ū) ≤ budget; decisions that no belief explains are excluded by default.
+    Formula: max_ū Ψ(ū) over ū ∈ C with ρ(π,ū) ≤ budget; by default measures (b), (d) and (e) exclude decisions that no belief
+    explains.
 
     Args:
         problem: The decision problem, known to the observer.

@@ -127,7 +127,7 @@ class HidingDecisionMaker(Described, ABC, Generic[One, Many]):
     @cached_property
     def candidates(self) -> Candidates:
         """The candidates, solved at first use and kept."""
-        return candidates_for(self.problem, self.measure, self._given)
+        return candidates_for(self.problem, self.measure, self._given, self.on_empty)
 
     @cached_property
     def case(self) -> Case:

@@ -302,6 +302,20 @@ def test_decisions_that_no_belief_explains_are_left_out_where_asked(make) -> Non
         assert not all(explained(plausible_only=False))
 
 
+@pytest.mark.parametrize("room", [1.0, 1.3])
+def test_under_the_largest_floor_on_the_mean_error_nothing_is_revealed(room: float) -> None:
+    problem, rng = FiniteProblem([[0.0, 1.0, 0.4], [1.0, 0.0, 0.4]]), np.random.default_rng(0)
+    for count in (5, 4, 2, 4, 4):
+        prior = Prior(rng.dirichlet(np.ones(2), count), rng.dirichlet(np.ones(count)))
+        paid = prior.beliefs @ problem.costs
+        silence = float((prior.weights @ (paid - paid.min(axis=1, keepdims=True))).min())
+        floor = MeanSquaredErrorFloor(prior.error**2)
+        limit = Budget.regret(room * silence + 1e-6)
+        maker = RateDistortionDecisionMaker(problem, limit, prior=prior, guarantees=[floor])
+        assert maker.rate == pytest.approx(0.0, abs=1e-6)
+        assert floor.is_met(floor.reached(maker.mechanism, prior, problem))
+
+
 def test_what_does_not_fit_is_refused() -> None:
     problem, prior = world(np.random.default_rng(1))
     for make in (RateDistortionDecisionMaker, StackelbergDecisionMaker):

@@ -447,14 +447,18 @@ class MeanSquaredErrorFloor(_SquareErrors):
         return float(_shares(np.array(self.least - level), np.array(self.most(game) - level)))
 
     def _rows(self, game: PlayedGame, which: np.ndarray, means: Array) -> RowBlock:
-        """Rows Σ_b p_b K_bm (2 (π_b − π₀)·(μ − π₀) − ‖μ − π₀‖²) ≤ s_m, right for any estimate μ."""
+        """Rows Σ_b p_b K_bm (2 (π_b − π₀)·(μ − π₀) − ‖μ − π₀‖²) ≤ s_m, right for any estimate μ.
+
+        In units of their largest coefficient: near the prior's mean HiGHS would drop the smallest.
+        """
         middle, count = game.weights @ game.beliefs, len(which)
         apart = means - middle
         gains = game.weights[:, None] * (2.0 * (game.beliefs - middle) @ apart.T - (apart**2).sum(axis=1))
-        own = SPARSE.csr_array((np.ones(count), (np.arange(count), which)), shape=(count, game.shape[1]))
-        return RowBlock(
-            of_columns(gains, which, game.shape[1]), -own, np.zeros(count), np.zeros(count), np.full(count, NO_COLUMN)
-        )
+        largest = np.abs(gains).max(axis=0)
+        unit = np.where(largest > tolerances.GUARANTEE_ROUNDING, largest, 1.0)
+        own = SPARSE.csr_array((1.0 / unit, (np.arange(count), which)), shape=(count, game.shape[1]))
+        table, nothing = of_columns(gains / unit, which, game.shape[1]), np.zeros(count)
+        return RowBlock(table, -own, nothing, nothing, np.full(count, NO_COLUMN))
 
 
 def played_game(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) -> tuple[PlayedGame, Array]:

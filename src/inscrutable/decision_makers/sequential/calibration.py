@@ -21,6 +21,7 @@ from scipy import sparse
 from inscrutable import tolerances
 from inscrutable.decision_makers.sequential.laws import ChainLaw
 from inscrutable.decision_makers.sequential.prices import PriceCalibration, PriceStatus
+from inscrutable.decision_makers.sequential.seen import Knowledge
 from inscrutable.decision_makers.sequential.step import Prices, StepRule, StepTable
 from inscrutable.errors import SolverError
 from inscrutable.validation import Array
@@ -75,14 +76,7 @@ def calibrated(
     market = _Market(table, law, limit, draws, reads)
     silence, unit = _silence(table), table.unit
     if silence <= limit or not unit > 0:
-        told = float("inf") if asked is None else asked
-        price = (
-            tolerances.SILENT_PRICE / max(silence, np.finfo(float).tiny) * (1.0 if np.isinf(told) else max(unit, 1.0))
-        )
-        loss = (table.prior_loss, 0.0, 0.0)
-        return PriceCalibration(
-            np.array([price]), told, np.ones(1), min(silence, limit), 0.0, *loss, limit, PriceStatus.SILENT
-        )
+        return _silent(market, float("inf") if asked is None else asked, silence)
     if np.isfinite(table.turnover):
         _check_turnover(market)
     prices = [share * unit for share in _SHARES] if asked is None else [asked]
@@ -109,6 +103,17 @@ def calibrated(
             if not found:
                 raise
             _LOGGER.warning("information_price %.4g was replaced by the next best: %s", told, error)
+
+
+def _silent(market: _Market, told: float, silence: float) -> PriceCalibration:
+    """The price at which decisions reveal nothing; public symbols make both regret and loss smaller, by simulation."""
+    table, limit, alone = market.table, market.limit, np.isinf(told)
+    price = tolerances.SILENT_PRICE / max(silence, np.finfo(float).tiny) * (1.0 if alone else max(table.unit, 1.0))
+    if market.law.n_public is None or not table.unit > 0:
+        trial = PriceTrial(price, min(silence, limit), 0.0, table.prior_loss - table.floor, 0.0, 0.0)
+    else:
+        trial = tried(market, Prices(price, told), _LAST)
+    return replace(_made(limit, told, [trial]), loss=trial.loss + table.floor, status=PriceStatus.SILENT)
 
 
 def _check_turnover(market: _Market) -> None:
@@ -155,7 +160,10 @@ def tried(market: _Market, prices: Prices, n_steps: int) -> PriceTrial:
     count = max(figures.shape[1] // _BATCH, 2)
     batches = np.array([part.mean(axis=1) for part in np.array_split(values, count, axis=1)])
     errors = batches.std(axis=0, ddof=1) / np.sqrt(len(batches))
-    regret, loss, bits = np.maximum(values.mean(axis=1), 0.0)
+    least = (
+        -np.inf if market.table.stakes.ignores_public else 0.0
+    )  # the floor is that of an observer without the symbols
+    regret, loss, bits = np.maximum(values.mean(axis=1), [0.0, least, 0.0])
     return PriceTrial(prices.regret, float(regret), float(errors[0]), float(loss), float(errors[1]), float(bits))
 
 
@@ -182,9 +190,11 @@ def _followed(rule: StepRule, law: ChainLaw, draws: Array, reads: Array | None) 
     """Mean regret, mean loss, bits and control variates of every disclosed step along the observer's path, shape (3+C,T)."""
     controls, stakes = _controls(rule.table), rule.table.stakes
     found = np.empty((3 + len(controls), len(draws)))
-    state, kept, step = law.start(), -1, None
+    state, kept, step, read = law.start(), -1, None, None
+    passed: list[tuple[Array, int | None]] = []  # the law after every step, and the public symbol before it
     if reads is not None:
-        state = law.moved(state, law.drawn(state, float(reads[0, -1])))
+        read = law.drawn(state, float(reads[0, -1]))
+        state = law.moved(state, read)
     for t, draw in enumerate(draws):
         step = rule.step(state, kept, step)
         found[:3, t] = (
@@ -202,7 +212,13 @@ def _followed(rule: StepRule, law: ChainLaw, draws: Array, reads: Array | None) 
             state = law.later(state, rule.table.period)
         else:
             for uniform in reads[(t + 1) % len(reads)]:
-                state = law.moved(state, law.drawn(state, float(uniform)))
+                passed.append((state, read))
+                read = law.drawn(state, float(uniform))
+                state = law.moved(state, read)
+    if stakes.ignores_public:
+        knowledge = Knowledge(law, rule.table.disclosure.schedule.lag, rule.table.loss)
+        losses = np.array([knowledge.after(*each)[1] for each in passed])
+        found[1] = losses.reshape(len(draws), -1).mean(axis=1) - rule.table.floor
     return found
 
 

@@ -77,7 +77,8 @@ class SequentialDecisionMaker(Described):
             value are one to the observer; each belief plays the cheapest of the candidates among them. Undisclosed decisions
             are optimal ones. The observer's loss counts from the disclosure of a decision to the next one. Public symbols in
             between are used by a rival with few answers; in the objective the square error, and a rival with many answers,
-            ignore them, which can only overestimate the loss. `decide_path` counts them.
+            ignore them, which can only overestimate the loss. `decide_path` and the
+            loss of the calibration count them.
         turnover: Largest sum of purchases and sales Σ_j |u_tj − u_{t−1,j}|: after a decision only the candidates within it
             have a positive probability, which the observer knows too. Regrets stay those against the problem without this
             limit. The first decision is free. None is no limit.

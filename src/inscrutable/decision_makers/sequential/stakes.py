@@ -52,6 +52,7 @@ class Stakes:
     width: int  # number of a rival's answers minus one; 0 for the square error
     directions: Array  # (k,X): the coordinates of points, up to a shift, where decisions are disclosed at once
     rival: RivalAnswers | None = None  # a rival with infinitely many answers
+    ignores_public: bool = False  # whether the loss is that of an observer without the public symbols
 
     def lost(self, joint: Array) -> Array:
         """Return L of the laws (n columns of B) after decisions, each times the probability of its decision: shape (n,)."""
@@ -148,7 +149,7 @@ def stakes_of(loss: Loss, chain: BeliefChain, schedule: Schedule) -> Stakes:
     Raises:
         InputError: The loss is that of a rival whose best answer is always the same.
     """
-    prior = chain.prior
+    prior, is_late = chain.prior, chain.public is not None and not schedule.is_immediate
     if isinstance(loss, SquaredError):
         basis = np.linalg.svd(np.ones((1, prior.beliefs.shape[1])))[2][1:]  # orthonormal, in which beliefs differ
         points = (prior.beliefs - prior.mean) @ basis.T
@@ -158,7 +159,7 @@ def stakes_of(loss: Loss, chain: BeliefChain, schedule: Schedule) -> Stakes:
         spare = np.mean([each[:, -1] for each in expected], axis=0) - base
         if schedule.is_immediate:
             spare = np.zeros(len(points))
-        return Stakes(found, base, np.maximum(spare, 0.0), 0, basis)
+        return Stakes(found, base, np.maximum(spare, 0.0), 0, basis, ignores_public=is_late)
     assert isinstance(loss, DecisionLoss)
     rival = loss.rival(prior.beliefs.shape[1])
     made = (
@@ -168,7 +169,7 @@ def stakes_of(loss: Loss, chain: BeliefChain, schedule: Schedule) -> Stakes:
     )
     if made.width == 0 or not made.loss_of(prior.weights) - made.floor(prior.weights) > _rounding(made):
         raise InputError("the rival's best answer is the same under every belief: a hidden belief costs it nothing")
-    return made
+    return replace(made, ignores_public=is_late and _read(prior.beliefs[:, :1], chain, schedule) is None)
 
 
 def _finite_stakes(loss: Loss, rival: FiniteProblem, chain: BeliefChain, schedule: Schedule) -> Stakes:

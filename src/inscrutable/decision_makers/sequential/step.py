@@ -59,6 +59,7 @@ class StepTable:
     cheapest: np.ndarray  # (B,C): the decision that a belief plays for a value
     cap: Budget | None
     stakes: Stakes
+    loss: Loss
     turnover: float = np.inf  # largest Σ_j |u_j − v_j| from one decision to the next
 
     def within_reach(self, kept: int) -> np.ndarray:
@@ -132,7 +133,7 @@ def step_table(
     classes = classes_of(columns, shown)
     found = _cheapest(columns, classes, cap, (prior.beliefs, costs))
     return StepTable(
-        prior, columns, shown, classes, costs, *found, cap, stakes_of(loss, chain, shown.schedule), turnover
+        prior, columns, shown, classes, costs, *found, cap, stakes_of(loss, chain, shown.schedule), loss, turnover
     )
 
 

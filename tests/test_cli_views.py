@@ -168,9 +168,23 @@ def test_bad_files_are_refused(folder: Path, capsys: pytest.CaptureFixture[str])
     assert "line 3, column 'Food': found '50%', expected a number; write a percentage as a fraction" in said
 
 
+def test_weights_that_look_rounded_are_remarked_on(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def remarks(*more: str) -> list[str]:
+        assert main(asked(folder, "--risk-aversion", "2", "--held", "long-only", *more, "--json")) == 0
+        return json.loads(capsys.readouterr().out)["remarks"]
+
+    for weights in ([[0.51, 0.29, 0.2], [0.6, 0.4, 0.0]], [[0.51, 0.29, 0.2]]):
+        pd.DataFrame(weights, ["May", "June"][: len(weights)], ASSETS).to_csv(folder / "weights.csv")
+        (said,) = remarks()
+        assert "written with 2 decimals and read as exact" in said
+        assert "--digits 2" in said
+        assert remarks("--digits", "2") == remarks("--regret", "1bp") == []
+    for weights in ([0.51, 0.29 - 1e-8, 0.2 + 1e-8], [0.0, 1.0, 0.0]):
+        pd.DataFrame([weights], ["May"], ASSETS).to_csv(folder / "weights.csv")
+        assert remarks() == []
+
+
 def test_percentages_are_remarked_on(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(asked(folder, "--risk-aversion", "2", "--json")) == 0
-    assert json.loads(capsys.readouterr().out)["remarks"] == []
     pd.DataFrame([[50, 30, 20.0], [0.6, 0.4, 0.0]], ["May", "June"], ASSETS).to_csv(folder / "weights.csv")
     assert main(asked(folder, "--risk-aversion", "2")) == 0
     assert "The weights of May add up to 100 in size" in " ".join(capsys.readouterr().out.split())

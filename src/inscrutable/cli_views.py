@@ -174,8 +174,9 @@ def _check(problem: AlphaProblem, row: pd.Series, digits: int | None) -> None:
 def _advice(problem: AlphaProblem, row: pd.Series) -> str:
     """A clause for weights that may not be held as they are, but rounded, or as percentages."""
     from inscrutable.errors import InputError
+    from inscrutable.reports.views import decimals_of
 
-    digits = _decimals(row)
+    digits = decimals_of(row.to_numpy())
     for weights, rounded, said in (
         (row, digits, f"; rounded weights need --digits, here --digits {digits}"),
         (row / 100.0, digits + 2, "; these are percentages: divide them by 100"),
@@ -186,11 +187,6 @@ def _advice(problem: AlphaProblem, row: pd.Series) -> str:
             continue
         return said
     return ""
-
-
-def _decimals(row: pd.Series) -> int:
-    """The digits after the point of the numbers of a row, at most 15."""
-    return next((digits for digits in range(15) if row.round(digits).equals(row)), 15)
 
 
 def _risk_text(path: Path | None, factors: int | None) -> str:

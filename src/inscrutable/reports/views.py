@@ -12,8 +12,10 @@ import pandas as pd
 from inscrutable.alphas import ImpliedViews
 from inscrutable.axes import few
 from inscrutable.datasets import output_folder, write_json, write_table
+from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, decimal_places
 from inscrutable.labels import label_text
 from inscrutable.reports.style import BLUE, GREY, ORANGE, PAGE_WIDTH, as_written, drawing, save_figure
+from inscrutable.validation import Array
 
 _MOST_ASSETS = 30
 _HEIGHT_OF_ASSET = 0.22
@@ -45,9 +47,18 @@ def views_summary(read: Mapping[Any, ImpliedViews]) -> dict[str, Any]:
 
 
 def views_remarks(read: Mapping[Any, ImpliedViews]) -> list[str]:
-    """Return remarks on the views: portfolios that no view explains, and weights that look like percentages or money."""
+    """Return remarks on the views: portfolios that no view explains, and weights that look rounded, or like percentages or
+    money."""
     empty = [label_text(label) for label, views in read.items() if views.dimension < 0]
     remarks = [f"No view explains the weights of {few(empty)}."] if empty else []
+    written = max(
+        (decimals_of(each.weights) for each in read.values() if each.digits is None and not each.regret), default=0
+    )
+    if 0 < written < FULL_PRECISION_DIGITS:
+        remarks.append(
+            f"Caution: the weights are written with {decimal_places(written)} and read as exact. If they are rounded, other "
+            f"views explain them too: --digits {written}."
+        )
     sizes = {label_text(label): float(np.abs(views.weights).sum()) for label, views in read.items()}
     if not sizes or max(sizes.values()) <= _LARGEST_BOOK:
         return remarks
@@ -57,6 +68,11 @@ def views_remarks(read: Mapping[Any, ImpliedViews]) -> list[str]:
         f"The weights of {label} add up to {sizes[label]:,.6g} in size. They are read as shares of wealth, and the views grow "
         "with them: divide percentages by 100, and money by the wealth.",
     ]
+
+
+def decimals_of(weights: Array) -> int:
+    """Return the digits after the point of weights, at most 15."""
+    return next((digits for digits in range(15) if np.array_equal(np.round(weights, digits), weights)), 15)
 
 
 _SPOKEN = {"portfolio": "the portfolio", "mean": "the mean"}

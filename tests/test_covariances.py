@@ -61,6 +61,16 @@ def test_the_default_knows_how_much_data_it_needs() -> None:
             covariance_rule(wrong, 492, 12, 3)  # type: ignore[arg-type]
 
 
+def test_as_many_factors_as_columns_are_refused(fresh_rng: np.random.Generator) -> None:
+    rows = factor_returns(fresh_rng, 60, 4)
+    assert fit_gaussian_hmm(rows, 1, rng=fresh_rng, covariance="factor:3").covariance == "factor:3"
+    for covariance in ("factor:4", "factor:99"):
+        with pytest.raises(InputError, match=f'"{covariance}", expected at most "factor:3"'):
+            fit_gaussian_hmm(rows, 1, rng=fresh_rng, covariance=covariance)
+    with pytest.raises(InputError, match='"factor:1", expected "sample"'):
+        fit_gaussian_hmm(rows[:, 0], 1, rng=fresh_rng, covariance="factor:1")
+
+
 def test_a_fit_with_too_few_rows_is_doubted_and_a_shrunk_one_is_not(
     fresh_rng: np.random.Generator, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -160,11 +160,26 @@ def covariance_rule(given: str | None, n_rows: int, n_columns: int, n_states: in
         n_states: X.
 
     Raises:
-        InputError: Another name, or a number of factors that is not a whole number of at least 1.
+        InputError: Another name, or a number of factors that is not a whole number from 1 to D − 1.
     """
     if given is None:
         enough = n_columns == 1 or n_rows >= ENOUGH * n_states * n_columns
         return SampleCovariance() if enough else LedoitWolfCovariance()
+    rule = named_rule(given)
+    if isinstance(rule, FactorCovariance) and rule.n_factors >= n_columns:
+        most = f'at most "factor:{n_columns - 1}"' if n_columns > 1 else '"sample"'
+        raise InputError(
+            f'covariance is "{given}", expected {most}: as many factors as columns ({n_columns}) make the sample covariance'
+        )
+    return rule
+
+
+def named_rule(given: str) -> CovarianceRule:
+    """Return the rule of a name, for any number of columns.
+
+    Raises:
+        InputError: Another name, or a number of factors that is not a whole number of at least 1.
+    """
     if given == "sample":
         return SampleCovariance()
     if given == "ledoit-wolf":

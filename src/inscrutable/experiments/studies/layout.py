@@ -33,7 +33,7 @@ from inscrutable.experiments.sections import (
     Section,
     Several,
 )
-from inscrutable.worlds.covariances import covariance_rule
+from inscrutable.worlds.covariances import named_rule
 
 
 def named(value: Any) -> Any:
@@ -43,7 +43,7 @@ def named(value: Any) -> Any:
 
 def _covariance(name: str) -> str:
     try:
-        return covariance_rule(name, 1, 1, 1).name
+        return named_rule(name).name
     except InputError:
         raise ValueError('should be "sample", "ledoit-wolf" or "factor:K" such as "factor:3"') from None
 

@@ -20,6 +20,7 @@ from inscrutable import (
     ProbabilisticDecisionMaker,
     leakage,
     mechanism,
+    repeated_leakage,
     uniform_prior,
 )
 from oracles import leakages as oracle
@@ -297,6 +298,18 @@ def test_regrets_count_as_they_are_stated_where_a_decision_is_listed_twice() -> 
     twice = Mechanism(np.eye(2), [[0.5, 0.5], [0.5, 0.5]], np.full((2, 2), 0.5), [[0.0, 1.0], [0.0, 3.0]])
     found = leakage(twice, Prior(np.eye(2), [0.5, 0.5]))
     assert (found.expected_regret, found.worst_regret, found.worst_expected_regret) == (1.0, 3.0, 1.5)
+
+
+def test_figures_of_a_belief_listed_twice_do_not_depend_on_the_order() -> None:
+    beliefs, weights = np.array([[0.2, 0.8], [0.2, 0.8], [0.9, 0.1]]), np.array([0.3, 0.2, 0.5])
+    made = mechanism(OriginalDecisionMaker(FiniteProblem([[0.0, 1.0], [1.0, 0.0]])), beliefs)
+    for order in ([0, 1, 2], [2, 0, 1], [1, 2, 0]):
+        found = leakage(made, Prior(beliefs[order], weights[order]))
+        repeated = repeated_leakage(made, Prior(beliefs[order], weights[order]), (1, 2), rng=np.random.default_rng(0))
+        assert found.n_beliefs == 3
+        assert found.prior_entropy == repeated.prior_entropy == pytest.approx(oracle.entropy(weights.tolist()))
+        assert found.min_entropy_leakage == pytest.approx(np.log2((0.3 + 0.5) / 0.5))
+        assert found.mutual_information == pytest.approx(1.0)
 
 
 def test_a_belief_listed_twice_is_matched_by_place_or_refused() -> None:

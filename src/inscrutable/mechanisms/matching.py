@@ -40,8 +40,9 @@ def weights_on(mechanism: Mechanism, prior: Prior) -> Array:
     """Return the prior's weights of the mechanism's beliefs, shape (B,).
 
     The prior may list them in another order or leave some out, which then weigh nothing; points closer than
-    `tolerances.SAME_BELIEF` in every entry are one. A belief with weight that the mechanism does not know raises
-    `InputError`, and so does one with two different rows, which only the same order tells apart.
+    `tolerances.SAME_BELIEF` in every entry are one, and where both list it several times its weights stay apart, in turn. A
+    belief with weight that the mechanism does not know raises `InputError`, and so does one with two different rows, which only
+    the same order tells apart.
     """
     held = checked_mechanism(mechanism).beliefs
     if checked_prior(prior).beliefs.shape[1] != held.shape[1]:
@@ -64,4 +65,7 @@ def weights_on(mechanism: Mechanism, prior: Prior) -> Array:
             f"the mechanism has the belief {held[twice[0]]} twice, with different rows, and the prior lists its beliefs in "
             "another order: make the mechanism on prior.beliefs"
         )
+    for copied in np.unique(first[twice]):
+        listed, known = np.flatnonzero(first[place] == copied), np.flatnonzero(first == copied)
+        place[listed] = known[np.minimum(np.arange(len(listed)), len(known) - 1)]
     return np.asarray(np.bincount(place, weights=prior.weights[some], minlength=len(held)), dtype=np.float64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from dataclasses import replace
 from pathlib import Path
@@ -478,6 +479,31 @@ def test_a_model_goes_to_disk_with_limits_on_magnitudes(tmp_path):
     near = again.problem_after(previous)
     np.testing.assert_allclose(near.solve([0.5, 0.5]), model.problem_after(previous).solve([0.5, 0.5]))
     assert len(near.constraints.limits) == 2
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("max_weight = { Oil = 0.6, Ore = 0.5 }", "max_weight: limits has 'Ore', expected one of "),
+        ("min_weight = { Ore = 0.1 }", "min_weight: limits has 'Ore'"),
+        ("min_weight = -0.1", "min_weight: min_weight is -0.1"),
+        ("sectors = { goods = ['Oil', 'Ore'] }\nsector_cap = 0.8", "sectors: group 'goods' has 'Ore'"),
+        ("sector_cap = { bads = 0.8 }\nsectors = { goods = ['Oil'] }", "sector_cap: caps names 'bads'"),
+        ("sector_cap = 0.5", "sector_cap: sector_cap and sectors go together"),
+        ("shortable = ['Ore']\nlong_short = 1.5", "shortable: shortable has 'Ore'"),
+        ("long_short = 0.5", "long_short: gross limit 0.5 is below"),
+        ('max_weight = "40%"', "max_weight: should be a number, got '40%'"),
+    ],
+)
+def test_a_limit_that_is_wrong_is_named_with_its_line(tmp_path, line, said):
+    path = tmp_path / "model.toml"
+    text = MODEL.replace("{more}", f"[constraints]\n{line}")
+    path.write_text(text)
+    at = text.splitlines().index(line.splitlines()[0]) + 1
+    with pytest.raises(InscrutableError, match=rf"line {at}, key constraints\.{re.escape(said)}") as found:
+        investor_of(path)
+    assert "number below" not in str(found.value)
+    assert "more mistake" not in str(found.value)
 
 
 def test_limits_of_a_file_are_the_problem_s(tmp_path):

@@ -8,7 +8,8 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError
 
 from inscrutable.errors import InputError
-from inscrutable.experiments.sections import Label, Matrix, Section, shortened
+from inscrutable.experiments.sections import Label, Matrix, Section, mistakes, shortened
+from inscrutable.experiments.toml_lines import key_text
 from inscrutable.experiments.weight_limits import LimitsPart
 
 Vector = list[float]
@@ -111,18 +112,7 @@ def checked(source: Path, data: dict[str, Any]) -> ModelFile:
     try:
         return ModelFile.model_validate(data)
     except ValidationError as error:
-        problems = error.errors(include_url=False)
-        first, more = problems[0], len(problems) - 1
-        others = f" (and {more} more)" if more else ""
+        first, *more = mistakes(error, data)
+        others = f" (and {len(more)} more)" if more else ""
         value = "" if first["type"] == "missing" else f", got {shortened(first['input'])}"
-        raise InputError(f"{source}, key {_place(first['loc'])}: {first['msg']}{value}{others}") from None
-
-
-def _place(location: tuple[int | str, ...]) -> str:
-    """problem.means[0][1], without the tags that pydantic adds for a choice between types."""
-    text = ""
-    for previous, part in zip(("", *location), location, strict=False):
-        if previous == "emission" and part in ("categorical", "gaussian"):
-            continue
-        text += f"[{part}]" if isinstance(part, int) else f".{part}"
-    return text.lstrip(".")
+        raise InputError(f"{source}, key {key_text(first['loc'])}: {first['msg']}{value}{others}") from None

@@ -16,7 +16,16 @@ from inscrutable.decision_makers.candidate_sources import is_simplex
 from inscrutable.errors import InputError
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.model_file import Stack, Vector
-from inscrutable.experiments.sections import Label, Matrix, NonNegative, Positive, Section, expected, shortened
+from inscrutable.experiments.sections import (
+    Label,
+    Matrix,
+    NonNegative,
+    Positive,
+    Section,
+    expected,
+    mistakes,
+    shortened,
+)
 from inscrutable.experiments.silence import budget_in
 from inscrutable.experiments.toml_lines import Place, TomlSource, nearest, read_toml
 from inscrutable.experiments.weight_limits import LimitsPart
@@ -151,7 +160,7 @@ class OwnModel:
         try:
             file = OwnModelFile.model_validate(data)
         except ValidationError as error:
-            first, *others = error.errors(include_url=False)
+            first, *others = mistakes(error, data)
             more = f" (and {len(others)} more {'mistakes' if len(others) > 1 else 'mistake'})" if others else ""
             raise InputError(_said(first, source) + more) from None
         with source.saying(("investor", "budget")):
@@ -173,8 +182,7 @@ class OwnModel:
         """Return the feasible set of weights of assets; None where the file has no limits."""
         if self.file.constraints.is_empty:
             return None
-        with self.source.saying(("constraints",)):
-            return self.file.constraints.region(assets, self.folder)
+        return self.file.constraints.region(assets, self.folder, lambda key: self.source.saying(("constraints", key)))
 
     def limits(self, assets: tuple[str, ...]) -> LimitsPart:
         """Return the limits on weights of assets but that on turnover, without names of files."""
@@ -250,7 +258,7 @@ def _limited(model: InvestorModel, limits: LimitsPart, path: Path) -> InvestorMo
 
 
 def _said(problem: Any, source: TomlSource) -> str:
-    place: Place = tuple(part for part in problem["loc"] if not str(part).startswith(("function-", "dict[", "list[")))
+    place: Place = problem["loc"]
     where = source.at(place)
     if problem["type"] == "extra_forbidden":
         known = _keys(place[:-1])

@@ -78,7 +78,7 @@ def read_rival(path: Path) -> Any:
     try:
         return RIVAL.validate_python(data["problem"])
     except ValidationError as error:
-        raise InputError(f"{path}, section [problem]: {first_mistake(error)}") from None
+        raise InputError(f"{path}, section [problem]: {first_mistake(error, data['problem'])}") from None
 
 
 def loss_of(rival: Any, problem: DecisionProblem) -> Loss:

@@ -83,15 +83,31 @@ class Section(BaseModel):
         try:
             super().__init__(**plain)
         except ValidationError as error:
-            raise InputError(first_mistake(error)) from None
+            raise InputError(first_mistake(error, plain)) from None
 
     # Values from a file keep pydantic's own errors, from which the reader names file, line and key.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
 
-def first_mistake(error: ValidationError) -> str:
+def mistakes(error: ValidationError, data: Any) -> list[Any]:
+    """Return pydantic's errors in data, one for each place: a choice between types has several errors, with a tag each."""
+    found: dict[tuple[Any, ...], Any] = {}
+    for problem in error.errors(include_url=False):
+        place, inner = list[Any](), data
+        for part in problem["loc"]:
+            listed = range(len(inner)) if isinstance(inner, (list, tuple)) else inner if isinstance(inner, dict) else ()
+            if part in listed:
+                inner = inner[part]
+                place.append(part)
+        if problem["type"] == "missing":
+            place.append(problem["loc"][-1])
+        found.setdefault(tuple(place), problem | {"loc": tuple(place)})
+    return list(found.values())
+
+
+def first_mistake(error: ValidationError, data: Any) -> str:
     """Return the first error and its place as one line."""
-    first, *others = error.errors(include_url=False)
+    first, *others = mistakes(error, data)
     more = f" (and {len(others)} more)" if others else ""
     where = ".".join(map(str, first["loc"]))
     if not where:  # a check of several keys: the message has its own numbers

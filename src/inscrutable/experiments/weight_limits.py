@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -12,6 +14,8 @@ from inscrutable.datasets import read_sectors
 from inscrutable.errors import InputError
 from inscrutable.experiments.sections import Label, Likely, NonNegative, Section
 from inscrutable.problems import Polyhedron, group_caps, long_short, max_weights, min_weights
+
+Saying = Callable[[str], AbstractContextManager[Any]]
 
 _MOST_TURNOVER = 10.0  # a larger value is probably a percentage: 30 for 30 %
 _MOST_GROSS = 100.0  # likewise: 160 for 160 %
@@ -41,46 +45,66 @@ class LimitsPart(Section):
         default=None, description="most that is bought plus sold against the last published weights, 0.3 for 30 %"
     )
 
-    def region(self, assets: tuple[str, ...], folder: Path = Path()) -> Polyhedron:
+    def region(self, assets: tuple[str, ...], folder: Path = Path(), saying: Saying = nullcontext) -> Polyhedron:
         """Return the feasible set of weights of these assets, without the limit on turnover; files lie in `folder`.
+
+        Args:
+            assets: Their names.
+            folder: Folder of the file of sectors.
+            saying: Adds where a key stands to the message of an error.
 
         Raises:
             InputError: A name is not an asset, a cap has no sectors, or a key needs `long_short`.
             ModelError: A limit excludes every decision by itself.
         """
-        if self.long_short is None:
-            for key in ("net", "shortable"):
-                if getattr(self, key) is not None:
+        rows = self._signs(assets, saying)
+        if self.max_weight is not None:
+            with saying("max_weight"):
+                rows = rows & max_weights(assets, self.max_weight)
+        if self.min_weight is not None:
+            with saying("min_weight"):
+                rows = rows & min_weights(assets, self.min_weight)
+        if (self.sectors is None) != (self.sector_cap is None):
+            one, other = ("sectors", "sector_cap") if self.sector_cap is None else ("sector_cap", "sectors")
+            with saying(one):
+                raise InputError(
+                    f"{one} and {other} go together: which assets a sector has (--sectors FILE, columns asset and sector), and "
+                    "how much of it may be held (--sector-cap)"
+                )
+        if self.sectors is not None and self.sector_cap is not None:
+            with saying("sectors"):
+                known = self.resolved(assets, folder).sectors
+                assert isinstance(known, dict)
+                group_caps(assets, known, 1.0)  # their assets, before the caps
+            with saying("sector_cap"):
+                rows = rows & group_caps(assets, known, self.sector_cap)
+        return rows
+
+    def _signs(self, assets: tuple[str, ...], saying: Saying) -> Polyhedron:
+        """Which weights may be negative, and what they add up to."""
+        if self.long_short is not None:
+            net = 1.0 if self.net is None else self.net
+            with saying("long_short"):
+                rows = long_short(assets, gross=self.long_short, net=net)
+            if self.shortable is None:
+                return rows
+            with saying("shortable"):
+                return long_short(assets, gross=self.long_short, net=net, shortable=self.shortable)
+        for key in ("net", "shortable"):
+            if getattr(self, key) is not None:
+                with saying(key):
                     raise InputError(
                         f"{key} goes with long_short, the limit on long and short holdings: give that as well"
                     )
-            least = self.min_weight if isinstance(self.min_weight, dict) else {"all": self.min_weight or 0.0}
-            if min(least.values(), default=0.0) < 0.0:
+        least = self.min_weight if isinstance(self.min_weight, dict) else {"all": self.min_weight or 0.0}
+        if min(least.values(), default=0.0) < 0.0:
+            with saying("min_weight"):
                 raise InputError(
                     f"min_weight is {min(least.values()):g}, and weights below 0 need long_short: give that as well"
                 )
-            signs = min_weights(assets, 0.0)
-            rows = signs & Polyhedron(
-                A_eq=np.ones((1, len(assets))), b_eq=[1.0], names=["sum of weights = 1"], asset_names=assets
-            )
-        else:
-            net = 1.0 if self.net is None else self.net
-            rows = long_short(assets, gross=self.long_short, net=net, shortable=self.shortable)
-        if self.max_weight is not None:
-            rows = rows & max_weights(assets, self.max_weight)
-        if self.min_weight is not None:
-            rows = rows & min_weights(assets, self.min_weight)
-        if (self.sectors is None) != (self.sector_cap is None):
-            one, other = ("sectors", "sector_cap") if self.sector_cap is None else ("sector_cap", "sectors")
-            raise InputError(
-                f"{one} and {other} go together: which assets a sector has (--sectors FILE, columns asset and sector), and how "
-                "much of it may be held (--sector-cap)"
-            )
-        if self.sectors is not None and self.sector_cap is not None:
-            known = self.resolved(assets, folder).sectors
-            assert isinstance(known, dict)
-            rows = rows & group_caps(assets, known, self.sector_cap)
-        return rows
+        return min_weights(assets, 0.0) & Polyhedron(
+            A_eq=np.ones((1, len(assets))), b_eq=[1.0], names=["sum of weights = 1"], asset_names=assets
+        )
 
     def resolved(self, assets: tuple[str, ...], folder: Path = Path()) -> LimitsPart:
         """Return the limits with the sectors of a file as a table, so that they no longer need it."""

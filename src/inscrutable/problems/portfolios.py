@@ -259,7 +259,7 @@ def _numbers(members: Sequence[Any], assets: Assets, what: str) -> np.ndarray:
     for member in members:
         is_label = isinstance(member, Hashable) and not isinstance(member, (bool, np.bool_))
         if not is_label or (isinstance(member, float) and not by_label) or member not in places:
-            number = "" if by_label else f" or a number below {len(names)}"
+            number = "" if by_label or isinstance(member, str) else f" or a number below {len(names)}"
             raise InputError(f"{what} has {member!r}, expected one of {few(names, 12)}{number}")
         found.append(places[member])
     if len(set(found)) < len(found):

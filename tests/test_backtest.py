@@ -472,11 +472,12 @@ def test_settings_that_do_not_fit(settings: dict[str, object], message: str) -> 
 @pytest.mark.usefixtures("coarse")
 def test_a_riskless_rate_per_year_on_rows_of_a_month_is_pointed_out() -> None:
     returns = market(extra=2)
-    doubted, sound = (
-        run(returns, riskless=pd.Series(rate, index=returns.index)).market.suspicious for rate in (0.04, 0.004)
+    doubted, low, sound = (
+        run(returns, riskless=pd.Series(rate, index=returns.index)).market.suspicious for rate in (0.04, 0.024, 0.0135)
     )
-    assert sound == ()
+    assert sound == ()  # the largest month of the packaged bills
     assert "a riskless return of 4.00% a month on average is 48% a year" in doubted[0]
+    assert "a riskless return of 2.40% a month on average is 29% a year" in low[0]
 
 
 @pytest.mark.usefixtures("coarse")

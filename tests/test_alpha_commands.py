@@ -336,8 +336,8 @@ def test_a_wrong_covariance_is_named_by_its_file(capsys: pytest.CaptureFixture[s
     indefinite = [[1e-4, 2e-4, 0.0], [2e-4, 1e-4, 0.0], [0.0, 0.0, 1e-4]]
     pd.DataFrame(indefinite, NAMES, NAMES).to_csv(folder / wrong, index_label="asset")
     code, _, err = run(capsys, folder, "--prior-covariance", folder / "S.csv")
-    assert code == 4
-    assert f"{folder / wrong} is indefinite" in err
+    assert code == 3
+    assert f"bad data: {folder / wrong} is indefinite" in err
 
 
 def test_files_that_are_wrong_name_the_place(folder: Path) -> None:

@@ -157,8 +157,10 @@ def test_bad_files_are_refused(folder: Path, capsys: pytest.CaptureFixture[str])
     bent = SPREAD.copy()
     bent.loc["Food", "Oil"] = bent.loc["Oil", "Food"] = 0.5
     bent.to_csv(folder / "covariance.csv")
-    assert main(asked(folder, "--risk-aversion", "1")) == 4
-    assert "smallest eigenvalue -0.4" in capsys.readouterr().err
+    assert main(asked(folder, "--risk-aversion", "1")) == 3
+    said = capsys.readouterr().err
+    assert "bad data" in said
+    assert "smallest eigenvalue -0.4" in said
     (folder / "weights.csv").write_text("month,Food,Oil,Gas\nMay,0.5,,0.2\n")
     assert main(asked(folder, "--risk-aversion", "1")) == 3
     assert "weights.csv, line 2, column 'Oil': missing (empty cell)" in " ".join(capsys.readouterr().err.split())

@@ -147,7 +147,10 @@ def covariance_of(path: Path) -> pd.DataFrame:
             f"look like {what}; expected covariances of returns as fractions, 0.0025 for a standard deviation of 5%: multiply "
             "correlations by both standard deviations, divide variances of percentages by 10,000"
         )
-    validation.check_positive_semidefinite(values, str(path), "a covariance has no negative eigenvalue")
+    try:
+        validation.check_positive_semidefinite(values, str(path), "a covariance has no negative eigenvalue")
+    except ModelError as error:  # a file that holds no covariance
+        raise InputError(f"{error}") from None
     return table
 
 

@@ -50,7 +50,8 @@ def weights_on(mechanism: Mechanism, prior: Prior) -> Array:
     if prior.beliefs.shape == held.shape and np.abs(prior.beliefs - held).max() <= tolerances.SAME_BELIEF:
         return prior.weights
     some = np.flatnonzero(prior.weights > 0)
-    distance, place = cKDTree(held).query(prior.beliefs[some], p=np.inf)
+    distance, near = cKDTree(held).query(prior.beliefs[some], p=np.inf)
+    place = np.array(near)
     missing = some[distance > tolerances.SAME_BELIEF]
     if missing.size:
         raise InputError(

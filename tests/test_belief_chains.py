@@ -11,6 +11,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from inscrutable import (
+    Budget,
     CategoricalEmission,
     DelayedDecisionMaker,
     FiniteProblem,
@@ -22,6 +23,7 @@ from inscrutable import (
     OriginalDecisionMaker,
     PartialDecisionMaker,
     Prior,
+    SequentialDecisionMaker,
     filter_beliefs,
     filtered_prior,
     leakage,
@@ -216,6 +218,29 @@ def test_predicted_beliefs_that_are_one_are_listed_once() -> None:
 def test_malformed_chains_are_refused(transition: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         BeliefChain(Prior(np.eye(2), [0.5, 0.5]), transition)
+
+
+def test_a_chain_forgets_where_a_high_power_is_positive(fresh_rng: np.random.Generator) -> None:
+    """Means of permutations: of one, and often of two, there is a cycle or a class that the belief never leaves."""
+    said = []
+    for count in (1, 2, 2, 2, 3) * 6:
+        moves = np.mean([np.eye(5)[fresh_rng.permutation(5)] for _ in range(count)], axis=0)
+        outside = np.pad(moves, (0, 1))
+        outside[5, [0, 5]] = 0.5  # a belief without weight does not count
+        far = np.linalg.matrix_power(moves, 40)
+        beliefs = fresh_rng.dirichlet(np.ones(2), 6)
+        chain = BeliefChain(Prior(beliefs, [0.2] * 5 + [0.0]), outside)
+        assert chain.forgets == (far > 0.0).all()
+        said.append(chain.forgets)
+    assert not all(said)
+
+
+@pytest.mark.parametrize("moves", [np.roll(np.eye(3), 1, axis=1), np.full((3, 3), 1 / 3)])
+def test_a_rule_cautions_where_simulated_paths_stay_apart(moves: np.ndarray) -> None:
+    beliefs, problem = [[0.9, 0.1], [0.2, 0.8], [0.4, 0.6]], FiniteProblem([[0.0, 1.0, 0.4], [1.0, 0.0, 0.4]])
+    chain, rng = BeliefChain(Prior(beliefs, np.full(3, 1 / 3)), moves), np.random.default_rng(1)
+    maker = SequentialDecisionMaker(problem, Budget.regret(0.06), chain=chain, information_price=np.inf, rng=rng)
+    assert ("errors above" in maker.summary()) == (not chain.forgets)
 
 
 def test_malformed_arguments_are_refused() -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components, shortest_path
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
@@ -77,6 +78,17 @@ class BeliefChain(Summarised):
     def n_public(self) -> int:
         """Number of public symbols; 1 where there are none."""
         return 1 if self.public is None else len(self.public)
+
+    @cached_property
+    def forgets(self) -> bool:
+        """Whether the far future does not depend on the present belief: one class of beliefs with weight, without a period."""
+        some = self.prior.weights > 0
+        moves: Any = self.transition[some][:, some]
+        if connected_components(moves, connection="strong")[0] > 1:
+            return False
+        steps = shortest_path(moves, unweighted=True, indices=0).astype(np.int64)
+        one, other = moves.nonzero()
+        return bool(np.gcd.reduce(steps[one] + 1 - steps[other]) == 1)
 
     @cached_property
     def reversed(self) -> Any:

@@ -316,14 +316,21 @@ class SequentialDecisionMaker(Described):
     def summary(self) -> str:
         """Return a few lines for a person to read; finds the prices first if needed."""
         most = loss_text(self.ceiling, str(self.loss))
+        lasting = "" if self.chain.forgets or not self.calibration.regret_se > 0.0 else f"\n{_LASTING}"
         read = "" if self.chain.cells is None else f"\npublic numbers        {self.chain.cells}"
         return (
-            f"{self.calibration.summary()}\n"
+            f"{self.calibration.summary()}{lasting}\n"
             f"ceiling               {most}, on a grid of {len(self.beliefs)} beliefs, on these {len(self.table.columns)} "
             "candidates\n"
             "off the grid          other beliefs play as the nearest of these; what they cost, the `own_regrets` of a path, is "
             f"not counted above{read}"
         )
+
+
+_LASTING = (
+    "caution               the belief goes in a cycle, or stays within a part of the grid: the errors above count what differs "
+    "within simulated paths, not between them, and may be too small"
+)
 
 
 def _columns(problem: DecisionProblem, given: Any, prior: Prior) -> Columns:

@@ -22,6 +22,7 @@ import io
 import re
 import runpy
 import shlex
+import sys
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -192,21 +193,25 @@ def fitted_once() -> Iterator[None]:
         yield
 
 
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder in which a page runs; what the page adds to the places of imports is gone after it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    return tmp_path
+
+
 @each_page
 @pytest.mark.usefixtures("undrawn", "unpaged", "fitted_once")
-def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_page_runs(page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backtest_reports, "draw_backtest", lambda *_, **__: [])  # test_backtest_plots.py draws
-    check_page(page.read_text("utf-8"), page.relative_to(ROOT).as_posix(), tmp_path, audit=False)
+    check_page(page.read_text("utf-8"), page.relative_to(ROOT).as_posix(), folder, audit=False)
 
 
 @pytest.mark.audit
 @each_page
-def test_page_runs_with_its_long_commands_and_its_pictures(
-    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    check_page(page.read_text("utf-8"), page.relative_to(ROOT).as_posix(), tmp_path, audit=True)
+def test_page_runs_with_its_long_commands_and_its_pictures(page: Path, folder: Path) -> None:
+    check_page(page.read_text("utf-8"), page.relative_to(ROOT).as_posix(), folder, audit=True)
 
 
 @pytest.mark.usefixtures("undrawn", "coarse")

@@ -11,6 +11,7 @@ import pytest
 from scipy.optimize import linprog
 
 from inscrutable import (
+    Budget,
     DelayedDecisionMaker,
     FiniteProblem,
     MarkowitzProblem,
@@ -19,6 +20,7 @@ from inscrutable import (
     PartialDecisionMaker,
     Prior,
     RoundingDecisionMaker,
+    UniformDecisionMaker,
     consistent_beliefs,
     decoy_grid,
     leakage,
@@ -467,6 +469,9 @@ def test_silence_is_among_the_candidates_that_bound_every_rule(fresh_rng: np.ran
     least = float((setting.candidates.state_costs @ setting.prior.mean).min())
     constant = least - float(setting.prior.weights @ setting.optimal_costs)
     assert constant == pytest.approx(setting.silence_regret, abs=1e-12)
+    finite = Setting.of(FiniteProblem(1.0 - np.eye(3)), uniform_prior(3, 4))  # silence is among the decoys' choices
+    uniform = UniformDecisionMaker(finite.problem, Budget.regret(1.0), candidates=finite.candidates)
+    assert uniform.decide([0.5, 0.3, 0.2]).probabilities == pytest.approx([1 / 3] * 3)
 
 
 @pytest.mark.parametrize(("disclosure", "is_judged"), [("exact", True), ("every(6)|delayed(6)", False)])

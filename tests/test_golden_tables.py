@@ -39,7 +39,7 @@ def test_a_comparison_has_the_figures_it_had() -> None:
     Where an estimate ties, the chance of naming is shared among the tied states since; the first release took the first of
     them. Since all rows use the same draws, what is drawn for six of them is another sample, at most 1.3 standard errors away:
     these figures are the present ones. So are those of the CDM among candidates alone: at the same privacies it spends 1.5 %
-    less since. So are those of six rows since the best constant decision is among the candidates."""
+    less since."""
     settings = ComparisonSettings(budgets=(0.5,), repeats=(1, 10), draws=100)
     makers = tuple(COMPARED)[: None if audited() else 4]
     study = comparison_study(settings, makers, market="paper", resolution=6, seed=0)

@@ -347,7 +347,7 @@ def compare(
         settings: Budgets and numbers of repeated decisions; None: the defaults.
         makers: Functions (setting, regret) -> `experiments.setting.Behaviour` by name; None: all of `COMPARED` (rules with a
             memory need a chain).
-        candidates: Candidate decisions; None: a grid of about as many decoys as the prior has beliefs.
+        candidates: Candidate decisions; None: a grid of about as many decoys as the prior has beliefs, and silence.
         rng: Source of the sampled sequences of repeated decisions, the same for every row.
         progress: Called with (rows done, rows in all).
 

@@ -50,7 +50,8 @@ class Setting:
 
     @classmethod
     def of(cls, problem: DecisionProblem, given: Prior | BeliefChain, candidates: Candidates | None = None) -> Setting:
-        """Return the setting of a prior or a chain; the default candidates are a grid of about as many decoys as beliefs."""
+        """Return the setting of a prior or a chain; the default candidates are a grid of about as many decoys as beliefs
+        and the best constant decision."""
         chain = given if isinstance(given, BeliefChain) else None
         n_states = checked_problem(problem).n_states
         prior = checked_prior(given if chain is None else chain.prior, n_states)
@@ -58,8 +59,7 @@ class Setting:
             resolution = 1
             while n_states > 1 and grid_size(n_states, resolution) < len(prior):
                 resolution += 1
-            # Silence too, the best constant decision, which rules mix with others and which bounds must know.
-            candidates = decoy_grid(problem, resolution).joined(decided_by(problem, prior.mean[None]))
+            candidates = _with_silence(decoy_grid(problem, resolution), prior)
         elif not isinstance(candidates, Candidates) or candidates.problem is not problem:
             raise InputError("candidates must be Candidates of this problem, such as decoy_grid(problem, 30)")
         return cls(problem, prior, candidates, chain)
@@ -111,6 +111,12 @@ class Setting:
     def mean_limit(self, budget: Budget) -> float:
         """Return the average limit of a budget per belief, in the cost's unit."""
         return float(self.prior.weights @ budget.limits(self.optimal_costs))
+
+
+def _with_silence(grid: Candidates, prior: Prior) -> Candidates:
+    """Return candidates with the best constant decision, which rules mix with others and which bounds must know."""
+    both = grid.joined(decided_by(grid.problem, prior.mean[None]))
+    return both if both.same_as[-1] == len(grid) else grid
 
 
 def path_prior(beliefs: Array) -> Prior:

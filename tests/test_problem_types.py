@@ -32,6 +32,7 @@ from inscrutable import (
     box,
     consistent_beliefs,
     decoy_grid,
+    explain_action,
     near_optimal_beliefs,
     plausibility_gap,
     privacy_frontier,
@@ -368,6 +369,35 @@ def test_the_unit_of_an_outcomes_returns_changes_no_belief(seed):
         np.testing.assert_allclose(told[1].bounds(), told[0].bounds(), atol=1e-6)
         assert told[1].distance(belief) <= 1e-4
         assert one.costs_are_unique == other.costs_are_unique
+
+
+def leveraged(returns, chances, limit):
+    """Two assets with a budget of one, each held between −limit and limit."""
+    held = box([-limit] * 2, [limit] * 2) & Polyhedron(A_eq=[[1.0, 1.0]], b_eq=[1.0])
+    return KellyProblem(returns, chances, held)
+
+
+@pytest.mark.parametrize("chance", [1e-4, 1e-7, 1e-8, 1e-9])
+def test_a_rare_crash_leaves_a_leveraged_decision_explained(chance):
+    """The wealth that an optimal decision keeps in the crash is of the size of the crash's probability."""
+    returns = [[[up, 1.0], [down, 1.0], [0.5, 1.0]] for up, down in ((1.10, 1.02), (1.06, 0.99))]
+    problem = leveraged(returns, [[0.5, 0.5 - chance, chance]] * 2, 5.0)
+    belief = np.array([0.3, 0.7])
+    action = problem.solve(belief)
+    assert 0.0 < problem.wealth(action)[0, 2] < 20 * chance
+    # The decision's rounding, 1e-16, beside the wealth in the crash.
+    assert consistent_beliefs(problem, action).distance(belief) <= 1e-9 + 1e-16 / chance
+    explained = explain_action(problem, action)
+    assert explained.is_explained
+    assert explained.gap == 0.0
+
+
+def test_returns_by_quadrature_leave_a_leveraged_decision_explained():
+    nodes, weights = np.polynomial.hermite_e.hermegauss(15)
+    returns = [[[np.exp(m + s * z), np.exp(0.001)] for z in nodes] for m, s in ((0.01, 0.05), (0.005, 0.04))]
+    problem = leveraged(returns, np.tile(weights / weights.sum(), (2, 1)), 10.0)
+    for belief in ([0.3, 0.7], [0.8, 0.2]):
+        assert consistent_beliefs(problem, problem.solve(belief)).contains(belief)
 
 
 def test_growth_downstream():

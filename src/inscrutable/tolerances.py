@@ -217,8 +217,8 @@ DAMPING = 1e-9
 """Curvature added to a Newton step's, relative to its largest: picks a step where the cost is flat, and slows no other."""
 
 LEAST_WEALTH = 1e-6
-"""Wealth, as a share of the best asset's in the outcome, below which marginal costs of growth stay as they are: a stake of a
-millionth is none, and larger slopes would exceed those of all other states."""
+"""Wealth, as a share of the best asset's in the outcome, below which it counts as none; times the outcome's probability, below
+which marginal costs of growth stay as they are: an optimum's may be of the size of that probability, and slopes stay finite."""
 
 LEAST_WEIGHT = 1e-10
 """A possible outcome of growth less likely than this is staked on as if it were this likely: quadratic programmes resolve

@@ -31,7 +31,8 @@ class KellyProblem(DecisionProblem):
 
     In a horse race (r_is'u = odds × the share on the winner) whose winner is the state, u* = π for any odds, and the regret
     of betting y is the Kullback–Leibler divergence D(π‖y). Losing everything in an outcome of positive probability costs
-    10,000 instead of infinity.
+    10,000 instead of infinity. Outcomes for which π_i p_is is positive and below 1e-10 are staked on as if it were 1e-10:
+    `consistent_beliefs` may miss the belief behind a decision that depends on them, `near_optimal_beliefs` has it.
 
     Args:
         gross_returns: r_is, wealth after the period per unit of wealth on each asset, shape (X,S,U), at least 0.
@@ -199,9 +200,10 @@ class KellyProblem(DecisionProblem):
         return np.asarray((self.probabilities * costs).sum(axis=-1))
 
     def cost_gradients(self, action: ArrayLike) -> Array:
-        """Return −Σ_s p_is r_is / (r_is'u) for decisions (…,U), shape (…,X,U); wealth below a millionth of the best asset's
-        counts as that."""
-        shares = self.probabilities / np.maximum(self.wealth(action), tolerances.LEAST_WEALTH * self.best_returns)
+        """Return −Σ_s p_is r_is / (r_is'u) for decisions (…,U), shape (…,X,U); wealth below a millionth of p_is times the best
+        asset's counts as that."""
+        least = np.maximum(tolerances.LEAST_WEALTH * self.best_returns * self.probabilities, tolerances.TINY)
+        shares = self.probabilities / np.maximum(self.wealth(action), least)
         return np.asarray(-np.einsum("...xs,xsu->...xu", shares, self.gross_returns))
 
     def __repr__(self) -> str:

@@ -377,6 +377,20 @@ def leveraged(returns, chances, limit):
     return KellyProblem(returns, chances, held)
 
 
+@pytest.mark.parametrize("limit", [10.0, 20.0, 100.0])
+def test_wide_leverage_is_solved_though_the_feasible_set_holds_ruin(limit):
+    """Up 30 % or down 20 % with chances p and q: the stake is p/.2 − q/.3, whatever the limit beyond it."""
+    problem = leveraged([[[1.3, 1.0], [0.8, 1.0]]] * 2, [[0.9, 0.1], [0.5, 0.5]], limit)
+    beliefs = np.array([[1.0, 0.0], [0.7, 0.3], [0.5, 0.5], [0.0, 1.0]])
+    up = beliefs @ [0.9, 0.5]
+    wanted = up / 0.2 - (1 - up) / 0.3
+    actions = problem.solve(beliefs)
+    np.testing.assert_allclose(actions, np.column_stack([wanted, 1 - wanted]), rtol=0.0, atol=1e-9)
+    for belief, action in zip(beliefs, actions, strict=True):
+        assert consistent_beliefs(problem, action).contains(belief)
+    assert not problem.costs_are_unique
+
+
 @pytest.mark.parametrize("chance", [1e-4, 1e-7, 1e-8, 1e-9])
 def test_a_rare_crash_leaves_a_leveraged_decision_explained(chance):
     """The wealth that an optimal decision keeps in the crash is of the size of the crash's probability."""

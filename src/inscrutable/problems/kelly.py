@@ -147,8 +147,11 @@ class KellyProblem(DecisionProblem):
 
     @cached_property
     def largest_wealth(self) -> Array:
-        """The largest wealth in each outcome, max_{u ∈ C} r_k'u, shape (X·S,); 0 where there is no limit."""
+        """The largest wealth in each outcome, max_{u ∈ C} r_k'u, shape (X·S,); 0 where there is no limit, and in all outcomes
+        where some decision loses more than everything."""
         region = self.constraints
+        if not self._all_keep(0.0):
+            return np.zeros(self.probabilities.size)
         below, equal = Rows(region.A_ub, region.b_ub), Rows(region.A_eq, region.b_eq)
         found = [minimise(-returns, below, equal) for returns in self.gross_returns.reshape(-1, self.n_actions)]
         return np.array([-each.value if each.status == OPTIMAL else 0.0 for each in found])
@@ -167,10 +170,19 @@ class KellyProblem(DecisionProblem):
         if not are_strictly_convex(hessians, possible, self.constraints.A_eq):
             return False
         # Near ruin costs are so large that other costs are lost to rounding.
-        region = self.constraints
+        return self._all_keep(tolerances.LEAST_WEALTH)
+
+    def _all_keep(self, share: float) -> bool:
+        """Whether all decisions keep this share of the best asset's wealth in every outcome of positive probability."""
+        region, possible = self.constraints, self.scaled_returns[self.probabilities > 0]
+        lowest = region.coordinate_bounds[0]
+        if (
+            np.isfinite(lowest).all() and (possible @ lowest >= share).all()
+        ):  # 1.4 ms an outcome less, as for any simplex
+            return True
         below, equal = Rows(region.A_ub, region.b_ub), Rows(region.A_eq, region.b_eq)
         found = (minimise(returns, below, equal) for returns in possible)
-        return all(each.status == OPTIMAL and each.value >= tolerances.LEAST_WEALTH for each in found)
+        return all(each.status == OPTIMAL and each.value >= share for each in found)
 
     @cached_property
     def _layout(self) -> Layout:
@@ -243,7 +255,7 @@ class _Growth:
 
     def longest_steps(self, held: Array, points: Array, steps: Array) -> Array:
         """Return shares that keep a hundredth of the wealth of every outcome, and half of the optimum's lower bound: there
-        Σ w_k r_k'v / r_k'u ≤ 1 for every v in C, so r_k'u ≥ w_k max_v r_k'v."""
+        Σ w_k r_k'v / r_k'u ≤ 1 for every v in C, so r_k'u ≥ w_k max_v r_k'v where no v loses more than everything."""
         weights, wealth, change = self._weights(held), points @ self._returns.T, steps @ self._returns.T
         least = np.minimum(np.maximum(0.01 * wealth, 0.5 * weights * self._most), wealth)
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -19,6 +19,7 @@ from inscrutable import (
     DecisionStatus,
     DesiredObfuscation,
     GlobalSearch,
+    KellyProblem,
     MarkowitzProblem,
     MaximalObfuscation,
     Polyhedron,
@@ -294,7 +295,7 @@ def test_what_tells_copies_apart_keeps_them_apart() -> None:
     hessians, linear = problem.hessians, problem.linear
 
     def kept(constraints: Polyhedron, more: Array = linear) -> list[int] | None:
-        merged = merged_copies(hessians, more, constraints)
+        merged = merged_copies(np.vstack([*hessians, more]), constraints)
         return None if merged is None else merged.kept.tolist()
 
     assert kept(simplex(3)) == [0, 1]
@@ -336,3 +337,43 @@ def test_a_proof_with_copies_is_the_one_without(n_states: int, n_assets: int) ->
     assert mixed[0].privacy_bound == pytest.approx(mixed[1].privacy_bound, abs=STATED)
     for found in (*proved, *mixed):
         assert found.status in (DecisionStatus.GAP_REACHED, DecisionStatus.PROVED)
+
+
+def grown(seed: int, twice: list[int], constraints: Polyhedron | None = None) -> KellyProblem:
+    """A growth problem of three assets, repeated as often and in the order of `twice`; impossible outcomes differ in copies."""
+    rng = np.random.default_rng([11, seed])
+    returns, chances = rng.lognormal(0.0, 0.3, (3, 4, 3)), rng.dirichlet(np.ones(4), 3)
+    chances[0] = [0.5, 0.3, 0.2, 0.0]
+    copied = returns[:, :, twice]
+    copied[0, 3] = rng.uniform(0.5, 1.5, len(twice))
+    return KellyProblem(copied, chances, constraints)
+
+
+@pytest.mark.parametrize("seed", some([4, 5, 6, 11], 2))
+def test_growth_with_copies_is_hidden_and_proved_as_without(seed: int) -> None:
+    belief, found, costs = drawn_beliefs(np.random.default_rng([12, seed]), 3)[1], [], []
+    for twice in ([0, 1, 2], [0, 1, 2, 1, 2]):
+        problem = grown(seed, twice)
+        method = GlobalSearch(certify=0.01)
+        maker = CounterAdversarialDecisionMaker(
+            problem, budget=Budget.regret(1e-3), method=method, candidates=decoy_grid(problem, 20)
+        )
+        found.append(maker.decide(belief))
+        costs.append(problem.state_costs(found[-1].action))
+        assert found[-1].status in (DecisionStatus.GAP_REACHED, DecisionStatus.PROVED)
+    np.testing.assert_allclose(costs[1], costs[0], rtol=0.0, atol=STATED)
+    assert found[1].oracle_calls == found[0].oracle_calls
+    assert found[1].privacy == pytest.approx(found[0].privacy, abs=STATED)
+    assert found[1].privacy_bound == pytest.approx(found[0].privacy_bound, abs=STATED)
+
+
+def test_growth_holds_only_the_first_of_copies_unless_a_limit_tells_them_apart() -> None:
+    beliefs = drawn_beliefs(np.random.default_rng(13), 3)
+    plain, copied = grown(0, [0, 1, 2]), grown(0, [0, 0, 1, 2, 2])
+    np.testing.assert_array_equal(copied.solve(beliefs)[:, [0, 2, 3]], plain.solve(beliefs))
+    assert not copied.solve(beliefs)[:, [1, 4]].any()
+    same = KellyProblem(np.full((2, 2, 3), 1.1), np.full((2, 2), 0.5))
+    np.testing.assert_array_equal(same.solve([0.3, 0.7]), [1.0, 0.0, 0.0])
+    held = grown(0, [0, 0, 1, 2, 2], simplex(5) & max_weights(5, [0.2, 1.0, 1.0, 1.0, 1.0]))
+    np.testing.assert_allclose(held.optimal_cost(beliefs), plain.optimal_cost(beliefs), rtol=0.0, atol=1e-9)
+    assert held.solve(beliefs)[:, 0].max() <= 0.2

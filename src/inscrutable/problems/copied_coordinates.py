@@ -17,23 +17,28 @@ class Merged(NamedTuple):
     constraints: Polyhedron
     idle: np.ndarray  # rows of C that hold the others at zero
 
+    def decisions(self, actions: Array) -> Array:
+        """Return decisions (…,F) as decisions (…,U) that hold no copies."""
+        found = np.zeros((*actions.shape[:-1], len(self.kept) + len(self.idle)))
+        found[..., self.kept] = actions
+        return found
 
-def merged_copies(hessians: Array, linear: Array, constraints: Polyhedron) -> Merged | None:
+
+def merged_copies(rows: Array, constraints: Polyhedron) -> Merged | None:
     """Return the feasible set without copies, None where there are none.
 
-    Formula: j and k are copies where H_i e_j = H_i e_k, g_ij = g_ik, and the rows of C are equal in both except
-    u_j ≥ 0 and u_k ≥ 0. Then (…, u_j + u_k, …, 0, …) is feasible when u is, and costs the same in every state.
+    Formula: j and k are copies where A e_j = A e_k, and the rows of C are equal in both except u_j ≥ 0 and u_k ≥ 0. Then
+    (…, u_j + u_k, …, 0, …) is feasible when u is, and costs the same in every state.
 
     Args:
-        hessians: H_i, shape (X,U,U).
-        linear: g_i, shape (X,U).
+        rows: A, shape (n,U): costs are functions of A u.
         constraints: C.
 
     Cost: one comparison of the columns.
     """
     own = _bound_of(constraints)
     shared = np.delete(constraints.A_ub, own[own >= 0], axis=0)
-    alike = np.vstack([hessians.reshape(-1, hessians.shape[-1]), linear, shared, constraints.A_eq])
+    alike = np.vstack([rows, shared, constraints.A_eq])
     alike[:, own < 0] = np.nan  # a coordinate that may be negative has no copy
     _, first = np.unique(alike.T, axis=0, return_index=True, equal_nan=False)
     kept = np.sort(first)

@@ -13,6 +13,7 @@ from inscrutable.errors import InputError, ModelError
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region, simplex
+from inscrutable.problems.copied_coordinates import Merged, merged_copies
 from inscrutable.problems.newton import Model, minimise_smooth
 from inscrutable.problems.quadratic import are_strictly_convex
 from inscrutable.problems.quadratic_programme import Layout, layout_of
@@ -185,12 +186,30 @@ class KellyProblem(DecisionProblem):
         return all(each.status == OPTIMAL and each.value >= share for each in found)
 
     @cached_property
+    def _merged(self) -> Merged | None:
+        """The feasible set with only the first of each group of copies; None where there are no copies."""
+        return merged_copies(self.scaled_returns[self.probabilities > 0], self.constraints)
+
+    @cached_property
+    def without_copies(self) -> KellyProblem:
+        """The problem with only the first of each group of assets with equal returns; itself where there are no copies."""
+        if self._merged is None:
+            return self
+        return KellyProblem(self.gross_returns[:, :, self._merged.kept], self.probabilities, self._merged.constraints)
+
+    def with_copies(self, actions: Array) -> Array:
+        """Return decisions (…,F) of the problem without copies as decisions (…,U) of this one."""
+        return actions if self._merged is None else self._merged.decisions(actions)
+
+    @cached_property
     def _layout(self) -> Layout:
         return layout_of(self.constraints)
 
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U)."""
         held = self.check_beliefs(beliefs)
+        if self._merged is not None:  # of tied decisions the one with a single copy, as for quadratic costs
+            return self.with_copies(self.without_copies.solve(held))
         rows = np.atleast_2d(held)
         solved = np.empty((len(rows), self.n_actions))
         step = max(1, _BLOCK_ENTRIES // (self.probabilities.size * self.n_actions))

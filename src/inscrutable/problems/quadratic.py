@@ -155,7 +155,7 @@ class QuadraticProblem(DecisionProblem):
         """
         if self.constraints.needs_lift:
             return None
-        return merged_copies(self.hessians, self.linear, self.constraints)
+        return merged_copies(np.vstack([*self.hessians, self.linear]), self.constraints)
 
     @cached_property
     def without_copies(self) -> QuadraticProblem:
@@ -175,11 +175,7 @@ class QuadraticProblem(DecisionProblem):
 
     def with_copies(self, actions: Array) -> Array:
         """Return decisions (…,F) of the problem without copies as decisions (…,U) of this one."""
-        if self._merged is None:
-            return actions
-        found = np.zeros((*actions.shape[:-1], self.n_actions))
-        found[..., self._merged.kept] = actions
-        return found
+        return actions if self._merged is None else self._merged.decisions(actions)
 
     @cached_property
     def idle_rows(self) -> np.ndarray:

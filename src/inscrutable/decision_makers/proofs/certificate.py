@@ -71,10 +71,11 @@ class Prover:
     """Branch and bound for one problem, belief and reference; cells and the oracle's values are kept for the next question."""
 
     def __init__(self, problem: DecisionProblem, belief: Array, most_calls: int) -> None:
-        self._asked, self._quadratic = problem, quadratic_problem(problem)
-        if self._quadratic is not None:
+        self._asked = problem
+        self._stated = problem if isinstance(problem, KellyProblem) else quadratic_problem(problem)
+        if self._stated is not None:
             # Copies of a coordinate change no privacy and no cost, but leave decisions tied.
-            problem = self._quadratic.without_copies
+            problem = self._stated.without_copies
         problem = self.problem = problem.without_common_costs
         self.belief = belief
         self.most_calls = most_calls
@@ -92,9 +93,10 @@ class Prover:
 
     def action(self, index: int) -> Array:
         """Return the decision (U,) at a point."""
-        found = self.points.actions[index]
-        form = self._asked.quadratic_form()
-        return found if form is None or self._quadratic is None else form.decisions(self._quadratic.with_copies(found))
+        found, form = self.points.actions[index], self._asked.quadratic_form()
+        if self._stated is not None:
+            found = self._stated.with_copies(found)
+        return found if form is None else form.decisions(found)
 
     def answer(self, question: Question) -> Answer:
         """Return a bound for one question; repeated where the solver's error proved larger than assumed."""

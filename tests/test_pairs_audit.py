@@ -87,6 +87,18 @@ def test_limits_hold_for_the_best_observer(fresh_rng: np.random.Generator) -> No
 
 
 @pytest.mark.usefixtures("without_sources")
+def test_the_share_explained_is_at_least_what_is_said() -> None:
+    """The variance of the secret is estimated from the same rows as the error, and is as uncertain."""
+    rng = np.random.default_rng(22)
+    below, number = 0, instances(100, least=40)
+    for _ in range(number):
+        secret = np.sqrt(1 - 0.9**2) * autocorrelated(rng, 1000, 1, 0.9)[:, 0]
+        said = audit_pairs(secret, secret + rng.normal(size=1000) / 3.0, shifts=19).secrets[0].summary()
+        below += float(said.split("R² at least ")[1].split("%")[0]) > 90.0
+    assert below <= number / 10  # four times as many, where the variance counted as known
+
+
+@pytest.mark.usefixtures("without_sources")
 def test_series_that_hang_together_but_not_with_each_other_seldom_alarm(fresh_rng: np.random.Generator) -> None:
     assert count_alarms(fresh_rng, instances(8, least=4), 200) <= 3  # more happen once in 2,700 runs
 

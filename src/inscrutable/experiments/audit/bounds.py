@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import special
+from scipy import optimize, special
 
 from inscrutable.validation import Array
 
@@ -87,3 +87,19 @@ def mean_limit(series: Array, level: float, rng: np.random.Generator) -> float:
     deviation = np.sort(np.where(np.isnan(deviation), 0.0, deviation))
     # An order statistic, not an interpolation: samples that do not vary are infinite.
     return centre - float(deviation[int(np.floor((1.0 - level) * (_REPLICATES + 1))) - 1]) * spread
+
+
+def ratio_limit(series: Array, base: Array, level: float, rng: np.random.Generator) -> float:
+    """Return the upper limit on the ratio of the mean losses of two observers in the same rows, at most 1.
+
+    Formula: the ratio q at which the `mean_limit` of series − q·base is 0, the same rows being drawn for every q.
+    Source: Fieller, Journal of the Royal Statistical Society B 16 (1954).
+    """
+    seed = int(rng.integers(2**32))
+
+    def above(ratio: float) -> float:
+        return mean_limit(series - ratio * base, level, np.random.default_rng(seed))
+
+    if above(1.0) >= 0.0:
+        return 1.0
+    return 0.0 if above(0.0) <= 0.0 else float(optimize.brentq(above, 0.0, 1.0))

@@ -12,7 +12,7 @@ import numpy as np
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.learners import learners
 from inscrutable.errors import InputError
-from inscrutable.experiments.audit.bounds import autocorrelations, design_effect, mean_limit, share_limit
+from inscrutable.experiments.audit.bounds import autocorrelations, design_effect, mean_limit, ratio_limit, share_limit
 from inscrutable.experiments.audit.forward import N_BLOCKS, Forward, best_before, learn_forward
 from inscrutable.experiments.audit.pairs import Kind, PairedRows, Target, paired
 from inscrutable.experiments.audit.results import LEVEL, POWER, BlockScore, PairsAudit, SecretAudit, Telling
@@ -216,6 +216,8 @@ def _finding(
     # Without a finding, the limit is the error without decisions.
     limits += [] if is_found else [_limit(target, guess[n_before:], level, rng)]
     unit = np.sqrt if target.kind == "numbers" else float
+    is_sought = is_found and target.kind == "numbers"
+    least = _least_explained(truth[n_before:, 0], taken[n_before:], level, rng) if is_sought else 0.0
     since, noticed = _when(pairs, run, truth, p_values) if is_found else ("", "")
     return SecretAudit(
         name=target.name,
@@ -227,6 +229,7 @@ def _finding(
         error_limit=float(unit(max(limits))),
         guess_error=float(unit(guess[n_before:].mean())),
         explained=float(run.explained()[0, -1]),
+        explained_limit=least,
         detectable=float(detectable),
         since=since,
         noticed=noticed,
@@ -253,6 +256,11 @@ def _taken(run: Forward, losses: Array) -> Array:
 
 def _limit(target: Target, losses: Array, level: float, rng: np.random.Generator) -> float:
     return share_limit(losses, level) if target.kind == "classes" else mean_limit(losses, level, rng)
+
+
+def _least_explained(truth: Array, losses: Array, level: float, rng: np.random.Generator) -> float:
+    """Return the lower limit on the best observer's R², 1 − mean squared error / variance of the secret."""
+    return 1.0 - ratio_limit(losses, (truth - truth.mean()) ** 2, level, rng)
 
 
 def _gains(run: Forward, truth: Array) -> tuple[Array, Array]:

@@ -72,6 +72,8 @@ class SecretAudit(Saved):
         guess_error: The error of an observer without decisions, who names the commonest class, or the mean, of the rows before.
         explained: Share of the secret explained by the learners: 1 − squared error / squared error of the guess; of indicators
             for classes. `error` may also be that of the guess, where no learner was better so far.
+        explained_limit: Lower limit on the R² of the best observer of numbers, against the variance of the test rows, at 95 %
+            for all secrets together; 0 for classes and where nothing is found.
         detectable: The share explained at which the test has a power of about 80 %, if these learners can learn the dependence
             and all rows leak alike; simulations gave 70 to 82 %. For a leak in few rows, such as those of a rare decision, the
             power was 40 %.
@@ -90,6 +92,7 @@ class SecretAudit(Saved):
     error_limit: float
     guess_error: float
     explained: float
+    explained_limit: float
     detectable: float
     since: str
     noticed: str
@@ -127,11 +130,11 @@ class SecretAudit(Saved):
                 f"the best observer names its class wrongly in at most {self.error_limit:.1%} of the rows ({LEVEL:.0%} "
                 f"confidence; this one in {self.error:.1%}), without decisions {self.guess_error:.1%}"
             )
-        worth = 1.0 - (self.error_limit / self.guess_error) ** 2 if self.guess_error > 0 else 0.0
+        least = self.explained_limit
         return (
             f"the best observer errs by at most {self.error_limit:.4g} ({LEVEL:.0%} confidence; this one by {self.error:.4g}; "
             f"root mean square), without decisions {self.guess_error:.4g}: "
-            + (f"R² at least {worth:.1%}" if worth > 0.0 else "so no part of it is sure to be explained")
+            + (f"R² at least {least:.1%}" if least > 0.0 else "so no part of it is sure to be explained")
         )
 
 
@@ -185,6 +188,7 @@ class PairsAudit(Summarised, Saved):
             "error_limit",
             "guess_error",
             "explained",
+            "explained_limit",
             "detectable",
         )
         rows = [{name: getattr(each, name) for name in (*names, "since", "noticed")} for each in self.secrets]

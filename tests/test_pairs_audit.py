@@ -225,6 +225,16 @@ def test_learners_are_those_of_scikit_learn_with_all_its_checks() -> None:
     np.testing.assert_allclose(found["nearest neighbours"][clear], secret[nearest[clear]].mean(axis=1), atol=1e-12)
 
 
+@pytest.mark.parametrize("unit", [1e-8, 1e9])
+def test_learners_depend_on_no_unit_of_the_secret(unit: float) -> None:
+    rng = np.random.default_rng(3)
+    known, read = rng.normal(size=(200, 3)), rng.normal(size=(40, 3))
+    secret = np.abs(known[:, :1]) + rng.normal(size=(200, 1))
+    for name, learn in learners().items():
+        fitted = learn(known, read)
+        np.testing.assert_allclose(fitted(unit * secret[:, None]) / unit, fitted(secret[:, None]), err_msg=name)
+
+
 def test_shifts_learned_together_are_those_learned_alone(fresh_rng: np.random.Generator) -> None:
     features, targets = fresh_rng.normal(size=(120, 2)), np.eye(2)[fresh_rng.integers(2, size=120)]
     together = learn_forward(features, targets, np.array([0, 31]), 3, learners())

@@ -95,7 +95,8 @@ def _tree(known: Array, read: Array) -> Fitted:
     from sklearn.tree import DecisionTreeRegressor
 
     # Trees compute in single precision, and so does this: otherwise the same number could fall on either side of a split. They
-    # take numbers within 1e-7 for equal, so decisions come in units of their spread.
+    # take numbers within 1e-7 for equal, so decisions come in units of their spread; and a variance of 2e-16 for none, so
+    # targets come in units of a power of two near their spread, which rounds nothing.
     scaled = _standardised(known[-_MOST_ROWS:], read)
     points, queries = (np.ascontiguousarray(part, dtype=np.float32) for part in scaled)
     leaf = max(_LEAST_LEAF, int(_LEAST_LEAF_SHARE * len(points)))
@@ -105,8 +106,9 @@ def _tree(known: Array, read: Array) -> Fitted:
         found = np.empty((len(queries), *targets.shape[1:]))
         for s in range(targets.shape[1]):
             tree = DecisionTreeRegressor(min_samples_leaf=leaf, max_leaf_nodes=_MOST_LEAVES, random_state=0)
-            tree.fit(points, latest[:, s], check_input=False)
-            found[:, s] = tree.predict(queries, check_input=False).reshape(len(queries), -1)
+            unit = np.ldexp(1.0, np.frexp(latest[:, s].std())[1])
+            tree.fit(points, latest[:, s] / unit, check_input=False)
+            found[:, s] = unit * tree.predict(queries, check_input=False).reshape(len(queries), -1)
         return found
 
     return predict

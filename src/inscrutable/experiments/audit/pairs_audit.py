@@ -22,7 +22,7 @@ from inscrutable.validation import Array
 SHIFTS, SHIFTS_OF_MANY, MANY_ROWS = 99, 39, 20_000
 _IN_STEPS = 20
 _MANY_INDEPENDENT = 30
-"""Independent rows above which limits of 95 % hold in 92 to 95 % of simulated audits of autocorrelated numbers."""
+"""Independent rows above which limits of 95 % hold in 92 to 95 % of simulated audits of autocorrelated numbers and regimes."""
 _FORGOTTEN = math.exp(-1.0)
 """Autocorrelation of a secret below which rows count as independent."""
 _LEAST_KNOWN = 3
@@ -121,16 +121,14 @@ def _before(lags: tuple[int, ...]) -> list[str]:
 
 
 def _few_independent(target: Target, judged: int) -> list[str]:
-    """Return a caution where the test rows of a numeric secret have a small effective number."""
-    if target.kind != "numbers":
-        return []
-    worth = judged / design_effect(target.values[:, 0])
+    """Return a caution where the test rows of a secret have a small effective number; of classes, that of the least."""
+    worth = judged / max(design_effect(column) for column in target.values.T)
     if worth >= _MANY_INDEPENDENT:
         return []
     return [
         f"{target.name} is autocorrelated, so that {judged} test rows are worth about {max(worth, 1.0):.0f} independent ones, "
         "and the limit of its best observer's error is too low more often than in one audit of twenty (in simulations with ten "
-        "such rows in one of ten, with two in one of four)"
+        "such rows in one of ten, with two in one of four or five)"
     ]
 
 

@@ -523,8 +523,18 @@ def test_an_autocorrelated_secret_is_worth_few_rows_and_says_so(fresh_rng: np.ra
     shown = fresh_rng.normal(size=(300, 2))
     found = audit_pairs(steps[-300:], shown, shifts=19)
     assert "180 test rows are worth about" in found.summary()
-    assert not audit_pairs(fresh_rng.normal(size=300), shown, shifts=19).notes
+    assert not audit_pairs(fresh_rng.random(300), shown, shifts=19).notes
     halves = steps[-300:] > np.median(steps[-300:])
     (note,) = audit_pairs(halves, shown, shifts=19).notes
     assert "180 test rows are worth about" in note
     assert not audit_pairs(fresh_rng.random(300) < 0.3, shown, shifts=19).notes
+
+
+@pytest.mark.usefixtures("without_sources")
+def test_heavy_tails_are_said(fresh_rng: np.random.Generator) -> None:
+    shown, drawn = fresh_rng.normal(size=(300, 2)), fresh_rng.random(300)
+    (note,) = audit_pairs(drawn**-3.0, shown, shifts=19).notes
+    assert "has heavy tails" in note
+    assert audit_pairs(1e-8 * drawn**-3.0, shown, shifts=19).notes == (note,)
+    assert not audit_pairs(drawn, shown, shifts=19).notes
+    assert not audit_pairs(drawn > 0.7, shown, shifts=19).notes

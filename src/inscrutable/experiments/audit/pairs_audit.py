@@ -23,6 +23,10 @@ SHIFTS, SHIFTS_OF_MANY, MANY_ROWS = 99, 39, 20_000
 _IN_STEPS = 20
 _MANY_INDEPENDENT = 30
 """Independent rows above which limits of 95 % hold in 92 to 95 % of simulated audits of autocorrelated numbers and regimes."""
+_HEAVY = 0.35
+"""Skewness of squared deviations over √rows, at most 1, from which limits are cautioned. In simulations of 60 to 3,000 rows 62
+to 82 % of samples of Student's t with 3 degrees of freedom are above (limits of 95 % held in 77 to 80 %), 57 to 98 % of
+lognormal ones (73 to 89 %), and of normal ones 23 % with 60 rows (94 %) and .1 % with 300."""
 _FORGOTTEN = math.exp(-1.0)
 """Autocorrelation of a secret below which rows count as independent."""
 _LEAST_KNOWN = 3
@@ -106,6 +110,7 @@ def audit_pairs(
         *pairs.notes,
         *_before(asked),
         *(note for each in pairs.targets for note in _few_independent(each, judged)),
+        *(note for each in pairs.targets for note in _heavy_tailed(each)),
     )
     return PairsAudit(tuple(found), len(pairs.index), judged, apart, asked, len(draw) - 1, tuple(makers), notes)
 
@@ -129,6 +134,23 @@ def _few_independent(target: Target, judged: int) -> list[str]:
         f"{target.name} is autocorrelated, so that {judged} test rows are worth about {max(worth, 1.0):.0f} independent ones, "
         "and the limit of its best observer's error is too low more often than in one audit of twenty (in simulations with ten "
         "such rows in one of ten, with two in one of four or five)"
+    ]
+
+
+def _heavy_tailed(target: Target) -> list[str]:
+    """Return a caution where few rows make up much of a number's variance.
+
+    Source: Hall, The Bootstrap and Edgeworth Expansion (1992): limits on a mean err in proportion to skewness over √rows.
+    """
+    squares = (target.values[:, 0] - target.values[:, 0].mean()) ** 2
+    spread = squares.std()
+    if target.kind != "numbers" or not spread > 0:
+        return []
+    if (((squares - squares.mean()) / spread) ** 3).mean() < _HEAVY * math.sqrt(len(squares)):
+        return []
+    return [
+        f"{target.name} has heavy tails: few rows make up much of its variance, and the limit of its best observer's error is "
+        "too low more often than in one audit of twenty (in simulations in up to one of four)"
     ]
 
 

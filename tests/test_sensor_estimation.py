@@ -214,6 +214,18 @@ def test_a_belief_that_jumps_is_named_and_moves_nothing() -> None:
     assert counted.probabilities.shape == (3, 3)
 
 
+def test_a_symbol_seen_once_is_told_from_an_error_by_the_number_of_symbols() -> None:
+    transition, sensor = np.array([[0.8, 0.2], [0.3, 0.7]]), np.array([[0.5, 0.4, 0.1], [0.2, 0.6, 0.2]])
+    world = HiddenMarkovModel(transition, CategoricalEmission(sensor))
+    beliefs = filter_beliefs(world, [0, 1, 1, 0, 1, 2, 0, 0, 1, 1, 0, 1]).beliefs
+    found = estimate_sensor(beliefs, transition)
+    assert np.flatnonzero(found.symbols < 0).tolist() == [4]
+    assert "a symbol seen only once may be taken for an error" in found.status.value
+    told = estimate_sensor(beliefs, transition, n_symbols=3)
+    assert told.status is SensorStatus.SCALES_BY_FREQUENCY
+    assert told.residual < 1e-9
+
+
 def test_beliefs_that_follow_no_filter_identify_nothing() -> None:
     beliefs = np.random.default_rng(0).dirichlet(np.ones(3), 100 if audited() else 40)
     for n_symbols in (None, 2, 3):

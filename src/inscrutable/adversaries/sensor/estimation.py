@@ -36,7 +36,8 @@ def estimate_sensor(
             steps.
         transition: P of the agent's filter, shape (X,X); each row sums to one.
         n_symbols: Y, at least 1; None: the number of distinct columns found. A symbol that was never observed is then not
-            detected where as many columns are found as there are states: rows can then always be scaled to sum to one.
+            detected where rows can be scaled to sum to one without it, as often with as many columns as states; one observed
+            only once is there taken for a belief in error, with the status `INCONSISTENT`.
         n_bootstrap: Number of bootstrap resamples of the steps for the intervals; 0, or where fewer than `n_symbols` symbols
             are told apart: intervals from the curvature of the fit.
         rng: Source of the resamples, required if `n_bootstrap` is positive.

@@ -50,7 +50,8 @@ class SensorStatus(Enum):
     )
     INCONSISTENT = (
         "no filter with so many symbols produces these beliefs: see the steps with symbol -1 and the residual; doubt the "
-        "beliefs, the transition or n_symbols"
+        "beliefs, the transition or n_symbols; if n_symbols was not given, give it: a symbol seen only once may be taken for "
+        "an error"
     )
 
 

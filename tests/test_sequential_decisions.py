@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
 import os
 import signal
@@ -473,13 +474,16 @@ def maker_of_two() -> SequentialDecisionMaker:
     )
 
 
-DYING = """
+MAKING = """
 import os, signal
 import numpy as np
 from inscrutable import Budget, FiniteProblem, PriceCalibration, Prior, SequentialDecisionMaker
 from inscrutable.mechanisms.chains import resting_chain
 ALONE, TWO = float("inf"), FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
 {maker}
+"""
+
+DYING = """
 maker, died = maker_of_two(), []
 for moment in ("fsync", "replace"):
     child = os.fork()
@@ -501,7 +505,7 @@ def test_a_kill_while_a_state_is_written_leaves_the_old_one(other: Callable[[str
     sequence = saved(maker, path, np.random.default_rng(1))
     sequence.close()
     held = path.read_bytes()
-    said = other(DYING.format(maker=inspect.getsource(maker_of_two), path=str(path)))
+    said = other(MAKING.format(maker=inspect.getsource(maker_of_two)) + DYING.format(path=str(path)))
     assert said.split() == 2 * [str(-signal.SIGKILL.value)]
     assert path.read_bytes() == held
     assert maker.begin().load(path).summary() == sequence.summary()
@@ -541,6 +545,21 @@ lock = FileLock(Path({path!r}))
 print("locked", flush=True)
 """
 
+FORKING = """
+sequence = maker_of_two().begin()
+sequence.save({path!r})
+child = os.fork()
+if not child:
+    try:
+        sequence.save({path!r})
+        print("not refused", flush=True)
+    except Exception as error:
+        print(error, flush=True)
+    os._exit(0)
+os.waitpid(child, 0)
+sequence.save({path!r})
+"""
+
 
 def test_a_second_process_is_refused(
     other: Callable[[str], str], fresh_rng: np.random.Generator, tmp_path: Path
@@ -564,6 +583,32 @@ def test_a_file_loaded_again_stays_locked_when_the_former_sequence_is_dropped(
     assert "in use by another process" in other(LOCKING.format(path=str(path)))
     latter.close()
     assert other(LOCKED.format(path=str(path))) == "locked\n"
+
+
+def test_a_copy_neither_releases_the_lock_nor_closes_another_file(
+    other: Callable[[str], str], fresh_rng: np.random.Generator, tmp_path: Path
+) -> None:
+    path = tmp_path / "state.npz"
+    sequence = saved(maker_of(fresh_rng), path, fresh_rng)
+    copy.copy(sequence).close()
+    ahead = copy.deepcopy(sequence)
+    del ahead
+    assert "in use by another process" in other(LOCKING.format(path=str(path)))
+    ahead = copy.deepcopy(sequence)
+    sequence.close()
+    with (tmp_path / "kept.txt").open("w") as kept:
+        del ahead
+        kept.write("The descriptor of the lock may be this file's now.")
+    ahead = copy.deepcopy(sequence)
+    ahead.save(path)
+    assert "in use by another process" in other(LOCKING.format(path=str(path)))
+
+
+@pytest.mark.skipif(os.name == "nt", reason="processes of POSIX")
+def test_a_forked_process_does_not_write_its_parents_file(other: Callable[[str], str], tmp_path: Path) -> None:
+    source = inspect.getsource(maker_of_two)
+    said = other(MAKING.format(maker=source) + FORKING.format(path=str(tmp_path / "state.npz")))
+    assert "in use by another process" in said
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ class FileLock:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self.path, self.process = path, os.getpid()
         self._held: _Held | None = _held(path)
 
     def close(self) -> None:
@@ -74,9 +74,15 @@ def _taken(path: Path) -> int:
 
 
 class KeptInFile:
-    """An object with a file that one process at a time may use, from the first `save` or `load` until `close`."""
+    """An object with a file that one process at a time may use, from the first `save` or `load` until `close`.
+
+    A copy has no lock until it saves or loads itself.
+    """
 
     _lock: FileLock | None = None
+
+    def __getstate__(self) -> dict[str, object]:
+        return {name: value for name, value in vars(self).items() if name != "_lock"}
 
     def close(self) -> None:
         """Let other processes use the file."""
@@ -86,7 +92,7 @@ class KeptInFile:
 
     def _locked(self, path: PathLike) -> None:
         target = Path(os.path.realpath(path_of(path, "a saved sequence")))
-        if self._lock is None or self._lock.path != target:
+        if self._lock is None or (self._lock.path, self._lock.process) != (target, os.getpid()):
             taken = FileLock(target)
             self.close()
             self._lock = taken

@@ -371,16 +371,16 @@ def test_an_optimal_decision_is_explained_whatever_the_scale_of_costs_with_kinks
         assert consistent_beliefs(problem, problem.solve(belief)).distance(belief) < 1e-4
 
 
-def test_the_unit_of_costs_with_kinks_changes_no_belief_that_explains_a_decision():
+@pytest.mark.parametrize(("unit", "level"), [(1e-6, 0.0), (1e3, 0.0), (1.0, 10.0), (1.0, -1e4), (1e-3, 1.0)])
+def test_the_unit_and_level_of_costs_with_kinks_change_no_belief_that_explains_a_decision(unit, level):
     """Up to the accuracy of the solver, which the bounds of the beliefs show in their fourth digit."""
     u, aims = cp.Variable(2), [[0.3, 0.6], [0.5, 0.2], [0.8, 0.7]]
     found = []
-    for unit in (1e-6, 1.0, 1e3):
-        costs = [unit * (cp.norm(u - aim) + cp.sum_squares(u)) for aim in aims]
+    for factor, shift in ((1.0, 0.0), (unit, level)):
+        costs = [factor * (cp.norm(u - aim) + cp.sum_squares(u)) + shift for aim in aims]
         problem = ConvexProblem(u, costs, box([-1, -1], [1, 1]))
         found.append(consistent_beliefs(problem, problem.solve([0.3, 0.4, 0.3])).bounds())
-    np.testing.assert_allclose(found[0], found[1], atol=1e-3)
-    np.testing.assert_allclose(found[2], found[1], atol=1e-3)
+    np.testing.assert_allclose(*found, atol=1e-3)
 
 
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])

@@ -26,6 +26,7 @@ class ConeProgramme(NamedTuple):
     first: int  # place of the decision in x
     size: int  # U
     units: Array  # (n,), x in the units of the decision maker, over x here
+    constants: Array  # (X,), what the costs have beside this objective
 
     def objective(self, belief: Array) -> tuple[Any, Array]:
         """Return P and c."""
@@ -104,7 +105,8 @@ def cone_programme(cvxpy: Any, problem: Any, parameter: Any, variable: Any, unit
     def data_at(values: Array) -> Any:
         parameter.value = values
         variable.save_value(None)
-        return copied.get_problem_data(cvxpy.CLARABEL)[0]
+        data, _, inverse = copied.get_problem_data(cvxpy.CLARABEL)
+        return data | {"constant": float(inverse[-1]["offset"])}
 
     each, uneven = [data_at(values) for values in np.eye(parameter.size)], np.arange(1.0, parameter.size + 1.0)
     uneven /= uneven.sum()
@@ -118,6 +120,7 @@ def cone_programme(cvxpy: Any, problem: Any, parameter: Any, variable: Any, unit
     made = ConeProgramme(
         entries, taken, np.array([data["c"] for data in each]), each[0]["A"], each[0]["b"],
         dims_to_solver_cones(each[0]["dims"]), first, int(variable.size), np.ones(each[0]["A"].shape[1]),
+        np.array([data["constant"] for data in each]),
     )  # fmt: skip
     data, (square, slope) = data_at(uneven), made.objective(uneven)
     rounding = tolerances.EXACT_COST * (np.abs(slope).max() + abs(square).max())

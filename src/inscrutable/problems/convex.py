@@ -52,7 +52,7 @@ class ConvexProblem(DecisionProblem):
             ten magnitudes need quadratic or affine costs.
         differentiable: Whether the costs have gradients everywhere on C; None tests it: absolute values, maxima and norms that
             can be zero on C count as kinks. With kinks, but for sums of maxima of affine functions, Π(u) is found by cutting
-            planes, as the beliefs under which the decision's regret is at most 1e-6 of the cost's scale.
+            planes, as the beliefs under which the decision's regret is at most 1e-6 of the cost's scale, constants left out.
         strictly_convex: Whether every state's cost is strictly convex on C, by the user's knowledge: optimal decisions are then
             unique, and proofs are faster. For quadratic and affine costs it is computed instead.
 
@@ -352,7 +352,9 @@ class ConvexProblem(DecisionProblem):
         fresh = np.eye(self.n_states)
         # Costs may all be zero at a decision that every state takes; the solver's errors are not.
         left = _SOLVER_SHARE * self._model.scale if self._model else 0.0
-        scale = max(float(np.abs(own).max()), left, np.finfo(float).tiny)
+        varying = own - self._model.constants if self._model else own
+        rounding = tolerances.EXACT_COST / tolerances.KINKED * float(np.abs(own).max())
+        scale = max(float(np.abs(varying).max()), left, rounding, np.finfo(float).tiny)
         for _ in range(_MOST_CUTS):
             planes = self.state_costs(self.solve(fresh)) - own
             losses = -(fresh * planes).sum(axis=1) if len(rows) else np.full(len(fresh), np.inf)

@@ -158,6 +158,11 @@ class Modelled:
         largest = self._unit * float(slopes[np.isfinite(slopes)].max(initial=0.0))
         return float(2.0 ** np.round(np.log2(largest))) if largest > 0.0 else 1.0
 
+    @property
+    def constants(self) -> Array:
+        """Constants (X,) in the costs that the solver does not see, and that its errors do not depend on; zero if unknown."""
+        return np.zeros(len(self._costs)) if self._cones is None else self._cones.constants
+
     @cached_property
     def _parsed(self) -> list[Node] | None:
         """The costs as trees; None where an atom is without the usual inner methods."""

@@ -231,6 +231,9 @@ def test_a_chain_forgets_where_a_high_power_is_positive(fresh_rng: np.random.Gen
         beliefs = fresh_rng.dirichlet(np.ones(2), 6)
         chain = BeliefChain(Prior(beliefs, [0.2] * 5 + [0.0]), outside)
         assert chain.forgets == (far > 0.0).all()
+        stored = sparse.csr_array((outside.ravel(), np.tile(np.arange(6), 6), np.arange(0, 37, 6)))  # zeros too
+        assert BeliefChain(chain.prior, stored).forgets == chain.forgets
+        assert stored.nnz == 36
         said.append(chain.forgets)
     assert not all(said)
 

@@ -84,6 +84,7 @@ class BeliefChain(Summarised):
         """Whether the far future does not depend on the present belief: one class of beliefs with weight, without a period."""
         some = self.prior.weights > 0
         moves: Any = self.transition[some][:, some]
+        moves.eliminate_zeros()  # stored zeros are no moves
         if connected_components(moves, connection="strong")[0] > 1:
             return False
         steps = shortest_path(moves, unweighted=True, indices=0).astype(np.int64)

@@ -493,6 +493,7 @@ def test_a_model_goes_to_disk_with_limits_on_magnitudes(tmp_path):
         ("shortable = ['Ore']\nlong_short = 1.5", "shortable: shortable has 'Ore'"),
         ("long_short = 0.5", "long_short: gross limit 0.5 is below"),
         ('max_weight = "40%"', "max_weight: should be a number, got '40%'"),
+        ('max_weight = { Oil = "40%" }', "max_weight.Oil: should be a number, got '40%'"),
     ],
 )
 def test_a_limit_that_is_wrong_is_named_with_its_line(tmp_path, line, said):

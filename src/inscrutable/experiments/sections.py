@@ -90,7 +90,8 @@ class Section(BaseModel):
 
 
 def mistakes(error: ValidationError, data: Any) -> list[Any]:
-    """Return pydantic's errors in data, one for each place: a choice between types has several errors, with a tag each."""
+    """Return pydantic's errors in data, one for each place and none for one that contains another: a choice between types has
+    several errors, with a tag each."""
     found: dict[tuple[Any, ...], Any] = {}
     for problem in error.errors(include_url=False):
         place, inner = list[Any](), data
@@ -102,7 +103,8 @@ def mistakes(error: ValidationError, data: Any) -> list[Any]:
         if problem["type"] == "missing":
             place.append(problem["loc"][-1])
         found.setdefault(tuple(place), problem | {"loc": tuple(place)})
-    return list(found.values())
+    around = {place[:depth] for place in found for depth in range(len(place))}
+    return [problem for place, problem in found.items() if place not in around]
 
 
 def first_mistake(error: ValidationError, data: Any) -> str:

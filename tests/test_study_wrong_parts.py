@@ -174,6 +174,7 @@ def test_a_wrong_part_is_named_with_what_is_wrong(number, tmp_path, monkeypatch)
 IN_PLACE = [
     ("Valves", "def solve(self, beliefs): beliefs -= beliefs.mean(); return super().solve(beliefs)", r"\.solve"),
     ("Valves", "def state_costs(self, actions): actions *= 0.5; return super().state_costs(actions)", r"\.state_costs"),
+    ("Valves", "def optimal_cost(self, beliefs): beliefs[:] = 0.5; return super().optimal_cost(beliefs)", r"\.optimal_cost"),
     ("Middle", "def estimates(self, actions, **how): actions[:] = 0; return super().estimates(actions)", r"\.estimates"),
 ]  # fmt: skip
 
@@ -195,7 +196,11 @@ def test_a_part_cannot_change_what_it_is_given(number, tmp_path, monkeypatch):
             DECIDED.format("exit(0)"),
             r"InputError: {}:Wrong\.decide_many failed with SystemExit: 0 \(line \d+",
         ),
-        ("Valves", "def optimal_cost(self, beliefs): raise SystemExit(0)", "unexpected SystemExit: 0"),
+        (
+            "Valves",
+            "def optimal_cost(self, beliefs): raise SystemExit(0)",
+            r"InputError: {}:Wrong\.optimal_cost failed with SystemExit: 0 \(line \d+",
+        ),
     ],
 )
 def test_a_part_that_ends_the_program_fails_its_task_alone(part, body, said, tmp_path, monkeypatch):

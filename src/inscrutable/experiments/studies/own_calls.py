@@ -73,10 +73,13 @@ def _read_only(value: Any) -> Any:
 
 @lru_cache(maxsize=64)
 def _guarded(own_class: Any, spec: str, kind: str, n_states: int) -> Any:
-    """Return a subclass of a user-defined class that checks the results of its methods."""
+    """Return a subclass of a user-defined class that checks the results of its methods, and gives those that stand in place of
+    the library's read-only arguments too."""
+    inherited = {name for base in own_class.__mro__ if _is_library(base.__module__) for name in vars(base)}
+    checks = {name: _unchecked for name in sorted(inherited) if not name.startswith("_")} | dict(_CHECKS[kind])
     methods = {
         name: _checked(getattr(own_class, name), spec if name == "__call__" else f"{spec}.{name}", check, n_states)
-        for name, check in _CHECKS[kind].items()
+        for name, check in checks.items()
         if _is_own(own_class, name)
     }
     if not methods:  # some searches test for the library's classes themselves
@@ -87,8 +90,12 @@ def _guarded(own_class: Any, spec: str, kind: str, n_states: int) -> Any:
 
 def _is_own(own_class: type, name: str) -> bool:
     """Whether a method is the user's; those of the library need no check."""
-    method = getattr(own_class, name, None)
-    return inspect.isfunction(method) and not method.__module__.startswith("inscrutable.")
+    method = inspect.getattr_static(own_class, name, None)
+    return inspect.isfunction(method) and not _is_library(method.__module__)
+
+
+def _is_library(module: str) -> bool:
+    return module.startswith("inscrutable.")
 
 
 def _checked(method: Callable[..., Any], said: str, check: _Check, n_states: int) -> Callable[..., Any]:
@@ -210,6 +217,10 @@ def _privacy(measure: Any, value: Any, belief: Any, n_states: int) -> float:
     if np.isnan(found):
         raise InputError("the value is NaN; expected a number, −inf where the goal is missed")
     return found
+
+
+def _unchecked(part: Any, value: Any, given: Any, n_states: int) -> Any:
+    return value
 
 
 def _privacies(measure: Any, value: Any, belief: Any, n_states: int) -> Any:

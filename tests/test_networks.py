@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 
 import inscrutable as ins
 from inscrutable import InputError, ModelError, dispatch_problem, load_matpower
+from inscrutable.experiments.studies.worlds import network_of, plain_network
 
 pytest.importorskip("cvxpy")
 
@@ -181,6 +183,17 @@ resolution = 4
 [candidates]
 resolution = 4
 """
+
+
+def test_a_network_of_labels_that_are_text_beside_numbers_survives_plain_data():
+    for labels in (["a", 7], ["1", 1]):
+        network = ins.PowerNetwork(
+            dict(zip(labels, (0.0, 50.0), strict=True)), labels, [50, 60], [0.1, 0.1], [1, 2], [labels], [[0.1, 30]]
+        )
+        read = network_of(json.loads(json.dumps(plain_network(network))))
+        assert read.bus_labels == network.bus_labels
+        assert read.generator_buses.tolist() == labels
+        assert read.line_ends.tolist() == [labels]
 
 
 def test_a_study_on_a_network_of_ones_own(tmp_path):

@@ -95,7 +95,7 @@ def plain_network(network: PowerNetwork) -> dict[str, Any]:
 def network_of(data: Mapping[str, Any]) -> PowerNetwork:
     """Return the network of plain data."""
     loads = pd.Series(dict(data["loads"]))
-    arrays = {name: np.array(value) for name, value in data.items() if name != "loads"}
+    arrays = {name: value for name, value in data.items() if name != "loads"}
     if not data["line_ends"]:  # an empty list has lost its width
         arrays |= {"line_ends": np.zeros((0, 2), dtype=np.int64), "line_data": np.zeros((0, 4))}
     return PowerNetwork(loads=loads, **arrays)

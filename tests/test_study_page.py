@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -474,12 +475,19 @@ def test_a_protection_is_judged_as_by_the_other_verbs(tmp_path: Path, capsys: py
 
 
 @pytest.mark.parametrize("kind", ["given", "random"])
-def test_repeats_of_the_same_figures_are_pointed_out(kind: str, tmp_path: Path) -> None:
+def test_repeats_of_the_same_figures_are_pointed_out(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also beside a measure of one's own that is infinite."""
+    (tmp_path / "far_part.py").write_text("def far(mechanism): return float('inf')")
+    monkeypatch.syspath_prepend(str(tmp_path))
     market = {"means": [[0.02, 0.01], [-0.03, 0.0]], "covariances": [[[0.002, 0.0], [0.0, 0.001]]] * 2}
     plan = PLAN | {"problem": {"risk_aversion": 5.0}, "decision_makers": ["ODM", "uniform"]}
     plan |= {"world": {"kind": kind} | (market if kind == "given" else {})}
-    study = run_study(Study.of(plan | {"repeats": 3}), tmp_path)
+    plan |= {"measures": [*PLAN["measures"], "far"]}
+    study = run_study(Study.of(plan | {"repeats": 3}, extensions=["far_part:far"]), tmp_path / "all")
     said = "All 3 repeats gave the same figures"
     assert (said in " ".join(study_page.study_verdict(study))) is (kind == "given")
-    alone = run_study(Study.of(plan | {"repeats": 1}), tmp_path / "alone")
+    alone = run_study(Study.of(plan | {"repeats": 1}, extensions=["far_part:far"]), tmp_path / "alone")
     assert "gave the same figures" not in " ".join(study_page.study_verdict(alone))
+    sys.modules.pop("far_part")

@@ -344,7 +344,7 @@ def _repeats_told(count: np.ndarray, repeats: int) -> list[str]:
 
 def _same_told(quantiles: np.ndarray, repeats: int) -> list[str]:
     """Return a sentence where all repeats gave the same figures, whose quantiles along the last axis are then equal."""
-    if repeats < 2 or np.nanmax(quantiles[..., -1] - quantiles[..., 0]) > 0:
+    if repeats < 2 or (quantiles[..., -1] > quantiles[..., 0]).any():
         return []
     return [
         f"All {repeats} repeats gave the same figures: intervals of ± 0 do not show how figures would differ in other markets."

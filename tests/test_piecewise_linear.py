@@ -178,7 +178,9 @@ def test_costs_of_maxima_in_cvxpy_are_linear_problems(
         for other in explained.vertices():
             assert problem.regret(other, decision.action) <= 1e-7, fresh_seed
         for other in fresh_rng.dirichlet(np.ones(shape[0]), 5):
-            assert explained.contains(other) == (problem.regret(other, decision.action) <= 1e-7), fresh_seed
+            # A belief beside the set has a regret as small as its distance times that of the decision from its corner.
+            regret = problem.regret(other, decision.action)
+            assert regret <= 1e-7 if explained.contains(other) else regret > 1e-9, fresh_seed
 
 
 def test_one_maximum_a_state_is_the_problem_of_its_pieces() -> None:

@@ -33,7 +33,7 @@ docs: .venv/.docs ## build the documents from executed sources; a warning is an 
 # Two test processes share two cores, so each does its linear algebra on one thread.
 test: export OPENBLAS_NUM_THREADS := 1
 test: export OMP_NUM_THREADS := 1
-test: .venv/.core ## lint, types, layout, unit tests, doctests, documents and examples (six to nine minutes on two cores)
+test: .venv/.core ## lint, types, layout, unit tests, doctests, documents and examples (four to nine minutes on two cores)
 	@$(MAKE) --no-print-directory -j 2 lint types imports units
 
 # The tests begin while types are still checked, which from nothing takes half a minute longer than all kernels, on one core.

@@ -391,6 +391,18 @@ def test_wide_leverage_is_solved_though_the_feasible_set_holds_ruin(limit):
     assert not problem.costs_are_unique
 
 
+@pytest.mark.parametrize("chance", [1e-6, 1e-5, 0.1])
+def test_ruin_by_leverage_is_within_no_budget_however_rare(chance):
+    """Its cost times its probability was less than what leverage gains: ruin counted as free, and as proved."""
+    up, down, crash = [1.3, 1.0], [0.8, 1.0], [0.0, 1.0]
+    problem = leveraged([[up, down, crash]] * 2, [[0.9 - chance, 0.1, chance], [0.9, 0.1, 0.0]], 10.0)
+    assert problem.regret([0.5, 0.5], problem.solve([0.0, 1.0])) > 1000.0
+    candidates, budget = decoy_grid(problem, 20), Budget.regret(1e-3)
+    for method in (None, GlobalSearch(certify=0.01)):
+        maker = CounterAdversarialDecisionMaker(problem, budget=budget, candidates=candidates, method=method)
+        assert problem.wealth(maker.decide([0.5, 0.5]).action)[0].min() > 0.0
+
+
 @pytest.mark.parametrize("chance", [1e-4, 1e-7, 1e-8, 1e-9])
 def test_a_rare_crash_leaves_a_leveraged_decision_explained(chance):
     """The wealth that an optimal decision keeps in the crash is of the size of the crash's probability."""

@@ -224,6 +224,18 @@ def test_foreign_files_are_refused(problem, tmp_path):
         Decision.load(tmp_path / "other.npz")
 
 
+def test_a_file_without_a_value_was_written_by_another_version(problem, tmp_path):
+    path = tmp_path / "decision.npz"
+    CounterAdversarialDecisionMaker(problem).decide([0.2, 0.3, 0.5]).save(path)
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    described = json.loads(str(arrays["description"]))
+    del described["result"]["fields"]["regret"]
+    np.savez(path, **(arrays | {"description": np.array(json.dumps(described))}))
+    with pytest.raises(InputError, match="another version wrote it, without regret: compute it again"):
+        Decision.load(path)
+
+
 def test_a_flipped_byte_is_noticed_or_harmless(problem, tmp_path):
     decision = CounterAdversarialDecisionMaker(problem).decide([0.2, 0.3, 0.5])
     path = tmp_path / "decision.npz"

@@ -475,7 +475,7 @@ def maker_of_two() -> SequentialDecisionMaker:
 
 
 MAKING = """
-import os, signal
+import os, signal, subprocess, sys
 import numpy as np
 from inscrutable import Budget, FiniteProblem, PriceCalibration, Prior, SequentialDecisionMaker
 from inscrutable.mechanisms.chains import resting_chain
@@ -561,6 +561,24 @@ sequence.save({path!r})
 """
 
 
+FORKED = """
+sequence = maker_of_two().begin()
+sequence.save({path!r})
+end, begin = os.pipe()
+child = os.fork()
+if not child:
+    try:
+        os.read(end, 1)
+        sequence.save({path!r})
+        print(subprocess.run([sys.executable, "-c", {locking!r}], capture_output=True, text=True).stdout, flush=True)
+    finally:
+        os._exit(0)
+sequence.close()
+os.write(begin, b"x")
+os.waitpid(child, 0)
+"""
+
+
 def test_a_second_process_is_refused(
     other: Callable[[str], str], fresh_rng: np.random.Generator, tmp_path: Path
 ) -> None:
@@ -608,6 +626,13 @@ def test_a_copy_neither_releases_the_lock_nor_closes_another_file(
 def test_a_forked_process_does_not_write_its_parents_file(other: Callable[[str], str], tmp_path: Path) -> None:
     source = inspect.getsource(maker_of_two)
     said = other(MAKING.format(maker=source) + FORKING.format(path=str(tmp_path / "state.npz")))
+    assert "in use by another process" in said
+
+
+@pytest.mark.skipif(os.name == "nt", reason="processes of POSIX")
+def test_a_forked_process_keeps_the_lock_that_it_takes(other: Callable[[str], str], tmp_path: Path) -> None:
+    path, source = str(tmp_path / "state.npz"), inspect.getsource(maker_of_two)
+    said = other(MAKING.format(maker=source) + FORKED.format(path=path, locking=LOCKING.format(path=path)))
     assert "in use by another process" in said
 
 

@@ -62,6 +62,12 @@ class Saved:
     @classmethod
     def _made(cls, parts: dict[str, Any]) -> Self:
         """Return the result from saved values; raise `InputError` where they contradict each other."""
+        made_of: Any = cls
+        missing = [
+            f.name for f in dataclasses.fields(made_of) if f.default is dataclasses.MISSING and f.name not in parts
+        ]
+        if missing:
+            raise InputError(f"another version wrote it, without {', '.join(missing)}: compute it again")
         derived = {name: parts[name] for name in cls._derived if name in parts}
         found = cls(**{name: value for name, value in parts.items() if name not in derived})
         vars(found).update(derived)

@@ -32,8 +32,9 @@ class KellyProblem(DecisionProblem):
 
     In a horse race (r_is'u = odds × the share on the winner) whose winner is the state, u* = π for any odds, and the regret
     of betting y is the Kullback–Leibler divergence D(π‖y). Losing everything in an outcome of positive probability costs
-    10,000 instead of infinity. Outcomes for which π_i p_is is positive and below 1e-10 are staked on as if it were 1e-10:
-    `consistent_beliefs` may miss the belief behind a decision that depends on them, `near_optimal_beliefs` has it.
+    10,000 instead of infinity, so that under beliefs of less than about 3e-5 in its state ruin by leverage may seem to gain.
+    Outcomes for which π_i p_is is positive and below 1e-10 are staked on as if it were 1e-10. From below 1e-7 on,
+    `consistent_beliefs` may miss the belief behind a decision that depends on them, by rounding.
 
     Args:
         gross_returns: r_is, wealth after the period per unit of wealth on each asset, shape (X,S,U), at least 0.
@@ -226,9 +227,10 @@ class KellyProblem(DecisionProblem):
     def state_costs(self, actions: ArrayLike) -> Array:
         """Return c(i,u) for decisions (…,U): shape (…,X)."""
         wealth = self.wealth(actions)
-        logs = -np.log(np.maximum(wealth, np.finfo(float).tiny))
-        costs = np.where(wealth > 0, logs, _RUIN)
-        return np.asarray((self.probabilities * costs).sum(axis=-1))
+        costs = -(self.probabilities * np.log(np.where(wealth > 0, wealth, 1.0))).sum(axis=-1)
+        # However rare the outcome: with leverage, ruin times a small probability would cost less than it gains.
+        is_lost = ((self.probabilities > 0) & (wealth <= 0)).any(axis=-1)
+        return np.asarray(np.where(is_lost, _RUIN, costs))
 
     def cost_gradients(self, action: ArrayLike) -> Array:
         """Return −Σ_s p_is r_is / (r_is'u) for decisions (…,U), shape (…,X,U); wealth below a millionth of p_is times the best

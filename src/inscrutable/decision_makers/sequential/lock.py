@@ -39,10 +39,11 @@ class _Held:
     """
 
     def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
+        self._descriptor, self._process = descriptor, os.getpid()
 
     def __del__(self) -> None:
-        os.close(self._descriptor)
+        if self._process == os.getpid():  # a fork that closed its parent's would lose the lock that it took itself
+            os.close(self._descriptor)
 
 
 _ALL_HELD: WeakValueDictionary[tuple[int, Path], _Held] = WeakValueDictionary()

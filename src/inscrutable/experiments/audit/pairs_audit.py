@@ -149,8 +149,8 @@ def _heavy_tailed(target: Target) -> list[str]:
     if (((squares - squares.mean()) / spread) ** 3).mean() < _HEAVY * math.sqrt(len(squares)):
         return []
     return [
-        f"{target.name} has heavy tails: few rows make up much of its variance, and the limit of its best observer's error is "
-        "too low more often than in one audit of twenty (in simulations in up to one of four)"
+        f"{target.name} seems to have heavy tails: few rows make up much of its variance. Then the limit of its best "
+        "observer's error is too low more often than in one audit of twenty (in simulations in up to one of four)"
     ]
 
 

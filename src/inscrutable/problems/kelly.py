@@ -178,9 +178,8 @@ class KellyProblem(DecisionProblem):
         """Whether all decisions keep this share of the best asset's wealth in every outcome of positive probability."""
         region, possible = self.constraints, self.scaled_returns[self.probabilities > 0]
         lowest = region.coordinate_bounds[0]
-        if (
-            np.isfinite(lowest).all() and (possible @ lowest >= share).all()
-        ):  # 1.4 ms an outcome less, as for any simplex
+        # Bounds that show it, as those of any simplex, save 1.4 ms an outcome.
+        if np.isfinite(lowest).all() and (possible @ lowest >= share).all():
             return True
         below, equal = Rows(region.A_ub, region.b_ub), Rows(region.A_eq, region.b_eq)
         found = (minimise(returns, below, equal) for returns in possible)

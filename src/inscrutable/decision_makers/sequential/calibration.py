@@ -160,9 +160,8 @@ def tried(market: _Market, prices: Prices, n_steps: int) -> PriceTrial:
     count = max(figures.shape[1] // _BATCH, 2)
     batches = np.array([part.mean(axis=1) for part in np.array_split(values, count, axis=1)])
     errors = batches.std(axis=0, ddof=1) / np.sqrt(len(batches))
-    least = (
-        -np.inf if market.table.stakes.ignores_public else 0.0
-    )  # the floor is that of an observer without the symbols
+    # The floor is that of an observer without the public symbols: one who reads them may lose less.
+    least = -np.inf if market.table.stakes.ignores_public else 0.0
     regret, loss, bits = np.maximum(values.mean(axis=1), [0.0, least, 0.0])
     return PriceTrial(prices.regret, float(regret), float(errors[0]), float(loss), float(errors[1]), float(bits))
 

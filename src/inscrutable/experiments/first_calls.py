@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import logging
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
@@ -20,8 +21,8 @@ from inscrutable.decision_makers import (
 from inscrutable.filtering import filter_beliefs
 from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.chains import resting_chain
-from inscrutable.privacy import MaximalObfuscation, NonExistence, PrivacyMeasure, RivalProblem, SquaredError
-from inscrutable.problems import FiniteProblem, MarkowitzProblem
+from inscrutable.privacy import RivalProblem, SquaredError
+from inscrutable.problems import FiniteProblem, MarkowitzProblem, Polyhedron, group_caps, simplex
 from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel, fit_gaussian_hmm
 
 _STATES, _ASSETS = 4, 3
@@ -46,16 +47,18 @@ def compile_kernels(*, n_jobs: int = -1, progress: Callable[[int, int], None] = 
 
     validation.processes(n_jobs, "jobs")
     # In parallel, the first compiles the search and meanwhile the second all else, so that each takes one half of the time.
-    # What both need, the first compiles at its beginning, and the second finds it on the disk at its end.
-    calls = [delayed(_quietly)(part) for part in (_decisions, _others)]
+    calls = [delayed(_quietly)(part, os.getpid()) for part in (_search, _others)]
     progress(0, len(calls))
     for done, _ in enumerate(Parallel(n_jobs=n_jobs, return_as="generator_unordered")(calls), 1):
         progress(done, len(calls))
     return Path(cast(Any, filter_pass).stats.cache_path)
 
 
-def _quietly(calls: Callable[[], None]) -> None:
-    """Suppress the log message that kernels are being compiled, and collect garbage at the end, not after each kernel."""
+def _quietly(calls: Callable[[], None], parent: int) -> None:
+    """Suppress the log message that kernels are being compiled, and collect garbage at the end, not after each kernel.
+
+    A process of its own, which ends with its calls, never does: the millions of objects of a compiler would take 2 s.
+    """
     logger = logging.getLogger(_NOTICE)
     before, collects = logger.level, gc.isenabled()
     logger.setLevel(logging.ERROR)
@@ -64,6 +67,8 @@ def _quietly(calls: Callable[[], None]) -> None:
         calls()
     finally:
         logger.setLevel(before)
+        if os.getpid() != parent:
+            gc.freeze()
         if collects:
             gc.enable()
 
@@ -74,8 +79,7 @@ def _others() -> None:
 
     with compiled_at_once(), put_off(search_regions):
         _worlds()
-        _decide(MaximalObfuscation())
-        _decide(NonExistence())
+        _decide(simplex(_ASSETS))
 
 
 def _worlds() -> None:
@@ -94,18 +98,19 @@ def _worlds() -> None:
         )
 
 
-def _decide(measure: PrivacyMeasure) -> None:
+def _decide(constraints: Polyhedron) -> None:
     rng = np.random.default_rng(0)
     factors = rng.normal(size=(_STATES, _ASSETS, _ASSETS))
     covariances = 0.01 * (factors @ factors.swapaxes(1, 2) + np.eye(_ASSETS))
-    problem = MarkowitzProblem(0.02 * rng.normal(size=(_STATES, _ASSETS)), covariances, 5.0)
-    CounterAdversarialDecisionMaker(problem, measure).decide(rng.dirichlet(np.ones(_STATES)))
+    problem = MarkowitzProblem(0.02 * rng.normal(size=(_STATES, _ASSETS)), covariances, 5.0, constraints)
+    CounterAdversarialDecisionMaker(problem).decide(rng.dirichlet(np.ones(_STATES)))
 
 
-def _decisions() -> None:
+def _search() -> None:
     from inscrutable.kernels.deferred import compiled_at_once, put_off
     from inscrutable.kernels.region_search import best_starts, read_actions
     from inscrutable.kernels.set_distance import is_explained_once
 
     with compiled_at_once(), put_off(best_starts, read_actions, is_explained_once):
-        _decide(MaximalObfuscation())
+        # Over a set with a cap on a group, the decoys are decided without a kernel.
+        _decide(simplex(_ASSETS) & group_caps(_ASSETS, {"pair": [0, 1]}, 0.9))

@@ -52,8 +52,9 @@ def value_of(maker: SequentialDecisionMaker, law: np.ndarray, rows: np.ndarray, 
     information = (joint[some] * np.log((rows / np.where(played > 0, played, 1.0))[some])).sum()
     if np.isinf(told):
         return float(-price * regret - information)
-    means = joint.T @ beliefs / np.where(played > 0, played, 1.0)[:, None]
-    loss = law @ (beliefs**2).sum(axis=1) - played @ (means**2).sum(axis=1)
+    points = beliefs - law @ beliefs  # nearly equal beliefs: no digits are lost to what they share
+    means = joint.T @ points / np.where(played > 0, played, 1.0)[:, None]
+    loss = law @ (points**2).sum(axis=1) - played @ (means**2).sum(axis=1)
     return float(loss - price * regret - told * information)
 
 

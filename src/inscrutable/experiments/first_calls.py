@@ -21,7 +21,7 @@ from inscrutable.decision_makers import (
 from inscrutable.filtering import filter_beliefs
 from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.chains import resting_chain
-from inscrutable.privacy import RivalProblem, SquaredError
+from inscrutable.privacy import NonExistence, PrivacyMeasure, RivalProblem, SquaredError
 from inscrutable.problems import FiniteProblem, MarkowitzProblem, Polyhedron, group_caps, simplex
 from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel, fit_gaussian_hmm
 
@@ -80,6 +80,7 @@ def _others() -> None:
     with compiled_at_once(), put_off(search_regions):
         _worlds()
         _decide(simplex(_ASSETS))
+        _decide(simplex(_ASSETS), NonExistence(), n_states=3)  # four take 2 s: the search is interpreted here
 
 
 def _worlds() -> None:
@@ -98,19 +99,20 @@ def _worlds() -> None:
         )
 
 
-def _decide(constraints: Polyhedron) -> None:
+def _decide(constraints: Polyhedron, measure: PrivacyMeasure | None = None, n_states: int = _STATES) -> None:
     rng = np.random.default_rng(0)
-    factors = rng.normal(size=(_STATES, _ASSETS, _ASSETS))
+    factors = rng.normal(size=(n_states, _ASSETS, _ASSETS))
     covariances = 0.01 * (factors @ factors.swapaxes(1, 2) + np.eye(_ASSETS))
-    problem = MarkowitzProblem(0.02 * rng.normal(size=(_STATES, _ASSETS)), covariances, 5.0, constraints)
-    CounterAdversarialDecisionMaker(problem).decide(rng.dirichlet(np.ones(_STATES)))
+    problem = MarkowitzProblem(0.02 * rng.normal(size=(n_states, _ASSETS)), covariances, 5.0, constraints)
+    CounterAdversarialDecisionMaker(problem, measure).decide(rng.dirichlet(np.ones(n_states)))
 
 
 def _search() -> None:
+    from inscrutable.kernels.costs import quadratic_costs
     from inscrutable.kernels.deferred import compiled_at_once, put_off
     from inscrutable.kernels.region_search import best_starts, read_actions
     from inscrutable.kernels.set_distance import is_explained_once
 
-    with compiled_at_once(), put_off(best_starts, read_actions, is_explained_once):
+    with compiled_at_once(), put_off(quadratic_costs, best_starts, read_actions, is_explained_once):
         # Over a set with a cap on a group, the decoys are decided without a kernel.
         _decide(simplex(_ASSETS) & group_caps(_ASSETS, {"pair": [0, 1]}, 0.9))

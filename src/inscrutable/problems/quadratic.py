@@ -206,10 +206,14 @@ class QuadraticProblem(DecisionProblem):
         """The bulk kernel's arguments besides the beliefs, in its own memory order."""
         layout = self._layout
         rows = np.ascontiguousarray(layout.equalities, dtype=np.float64)
-        costs = (np.ascontiguousarray(self.hessians.transpose(1, 2, 0)).ravel(), self.linear.T.ravel())
         region = (layout.lower, layout.upper, rows, layout.equality_sides, rows.ravel(), rows.T.ravel())
         start = self._one_by_one(np.full((1, self.n_states), 1.0 / self.n_states))[0]
-        return costs, region, (tolerances.PIVOT, 0.1 * tolerances.STATIONARITY), start
+        return self._kernel_costs, region, (tolerances.PIVOT, 0.1 * tolerances.STATIONARITY), start
+
+    @cached_property
+    def _kernel_costs(self) -> tuple[Array, Array]:
+        """H_jki at (j·U + k)·X + i and g_ji at j·X + i."""
+        return np.array(self.hessians.transpose(1, 2, 0), order="C").ravel(), np.array(self.linear.T, order="C").ravel()
 
     def _along_path(self, held: Array) -> Array:
         from inscrutable.kernels.active_set import solve_path
@@ -238,8 +242,12 @@ class QuadraticProblem(DecisionProblem):
         step = max(1, _BLOCK_ENTRIES // self.n_actions**2)
         for first in range(0, len(held), step):
             block = held[first : first + step]
-            hessians = np.tensordot(block, self.hessians, axes=1)
-            actions[first : first + step] = solve_programmes(hessians, block @ self.linear, self._layout)
+            # Not a product of matrices: its last digits would depend on the number of beliefs.
+            hessians, linear = np.zeros((len(block), *self.hessians.shape[1:])), np.zeros((len(block), self.n_actions))
+            for i in range(self.n_states):
+                hessians += block[:, i, None, None] * self.hessians[i]
+                linear += block[:, i, None] * self.linear[i]
+            actions[first : first + step] = solve_programmes(hessians, linear, self._layout)
         return actions
 
     def state_costs(self, actions: ArrayLike) -> Array:
@@ -258,6 +266,18 @@ class QuadraticProblem(DecisionProblem):
         some, hessians = points[..., held], self.hessians[:, held[:, None], held]
         curved = np.stack([np.einsum("...u,...u->...", some @ hessian, some) for hessian in hessians], axis=-1)
         return np.asarray(0.5 * curved + points @ self.linear.T + self.constants)
+
+    def costs_of_each(self, points: Array) -> Array:
+        """Return the state costs (T,X) of decisions (T,U), each found by itself.
+
+        The last digits of a product of matrices depend on the number of its rows, and where a search ends may depend on them:
+        two of 1,475 decisions differed between `decide` and `decide_many`, by up to 29 %.
+        """
+        from inscrutable.kernels.costs import quadratic_costs
+
+        found = np.empty((len(points), self.n_states))
+        quadratic_costs(np.array(points, dtype=np.float64, order="C"), *self._kernel_costs, found)
+        return np.asarray(found + self.constants)
 
     def cost_gradients(self, action: ArrayLike) -> Array:
         """Return H_i u + g_i for decisions (…,U): shape (…,X,U)."""

@@ -94,7 +94,7 @@ class _Block:
             # The decision that is optimal under the target is the nearest to it. There the distance has a kink, at which
             # gradient ascent does not converge.
             target = problem.solve_rows(aims.points)
-            regrets = (problem.costs_of(target) * aims.beliefs).sum(axis=1) - aims.optimal_costs
+            regrets = (problem.costs_of_each(target) * aims.beliefs).sum(axis=1) - aims.optimal_costs
             allowed = problem.constraints.is_admissible(target)
             self._keep(_TARGET, target, aims.points, np.maximum(regrets, 0.0), np.where(allowed, 0.0, -np.inf))
         # The decision is affordable: its regret, computed again, may differ by rounding.

@@ -75,11 +75,12 @@ skipped either: of 1,920 decisions and as many lotteries over two and three stat
 1.1 times the time."""
 _SPARED = 0.02
 """Share of the budget's root that is not spent on a ray, whose end is only a start."""
-_PATIENCE, _LEAST_PATIENCE = 4, 8
-"""Regions, for each state above two, whose neighbours are searched in vain before a search ends. With ten in all, 10 of 672
-decisions over six and eight states lose up to 5 %, and lotteries 10 %; with 3 at X = 5 twice as much is lost. With 6, one of
-900 lotteries over five to eight states gains 10 % and two lose .8 %, in 1.05 times the time. With four at least one of 41
-decisions under trading costs loses 21 %; eight take as long."""
+_PATIENCE, _LEAST_PATIENCE = 16, 8
+"""Regions, for each state above two, whose neighbours are searched in vain before a search ends. Over four to six states and in
+concentrated markets, 10 of 1,752 decisions lose up to 33 % with 4, and 67 lotteries up to 23 %; with 10 no decision does, and 8
+lotteries up to 2 %. Over seven and eight, 6 of 330 decisions and 12 lotteries lose up to 10 % with 4. Decisions take 1.3 times,
+lotteries 1.6 times as long as with 4; over three states no longer. With four at least one of 41 decisions under trading costs
+loses 21 %; eight take as long."""
 _FREED, _FREED_LIFTED = 1, 2
 """Tight rows of a region that are freed, for each state; a magnitude has two, where rows of signs would have one. With three in
 all 1 of 22 decisions over eight states loses 2 %, and lotteries over six states up to 6 %. With two a state 720 decisions and
@@ -165,9 +166,11 @@ class SearchSpace:
         # Copies, all of one layout: kernels would be compiled anew for one that is read-only.
         held = np.array(beliefs, dtype=np.float64, order="C")
         optimal = self.problem.solve_rows(held)
-        state_costs = self.problem.costs_of(optimal)
+        state_costs = self.problem.costs_of_each(optimal)
         costs = (state_costs * held).sum(axis=1)
-        optimal_costs = costs if self.stated is self.problem else (self.stated.costs_of(optimal) * held).sum(axis=1)
+        optimal_costs = (
+            costs if self.stated is self.problem else (self.stated.costs_of_each(optimal) * held).sum(axis=1)
+        )
         points, sign = held, 1.0
         if isinstance(measure, DesiredObfuscation):
             points, sign = np.array(measure.targets_for(held), order="C"), -1.0
@@ -423,7 +426,8 @@ def _farthest_sets(space: SearchSpace, aims: Aims) -> list[SomeStarts]:
 def _pair_starts(space: SearchSpace, aims: Aims) -> SomeStarts:
     """The best beliefs in two states only whose decisions no other belief explains, at most a few."""
     pairs = space.pairs
-    regrets = aims.beliefs @ space.problem.costs_of(pairs.actions).T - aims.optimal_costs[:, None]
+    costs = space.problem.costs_of_each(pairs.actions)
+    regrets = (aims.beliefs[:, None] * costs).sum(axis=2) - aims.optimal_costs[:, None]
     far = np.linalg.norm(pairs.decoys - aims.points[:, None], axis=2)
     values = np.where(regrets <= aims.limits[:, None], far - aims.prices[:, None] * regrets, -np.inf)
     chosen = np.argsort(-values, axis=1)[:, :_PAIRS]
@@ -455,7 +459,7 @@ def _moved_to_the_budget(problem: QuadraticProblem, aims: Aims, steps: np.ndarra
 
     def excess(which: np.ndarray, shares: Array) -> Array:
         tried = problem.solve_rows(np.maximum(beliefs[which] + shares[:, None] * away[which], 0.0))
-        regrets = (problem.costs_of(tried) * beliefs[which]).sum(axis=1) - best[which]
+        regrets = (problem.costs_of_each(tried) * beliefs[which]).sum(axis=1) - best[which]
         values = np.sqrt(np.maximum(regrets, 0.0) / limits[which]) - 1.0
         actions[which[values <= 0.0]] = tried[values <= 0.0]
         return np.asarray(values)

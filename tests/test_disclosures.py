@@ -586,13 +586,27 @@ def test_the_verb_makes_the_sequential_rule_for_each_schedule(
     assert quarterly > exact > 0.0
 
 
+def test_every_schedule_has_the_regret_of_its_own_rule(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two of three decisions are optimal ones: silence costs a third of what it costs where all are shown."""
+    market = ["--market", "paper", "--resolution", "3", "--draws", "10", "--steps", "8", "--out", str(tmp_path)]
+    assert main(["disclose", *market, "--rule", "sequential", "--disclosures", "every(2);every(3)"]) == 0
+    half, third = pd.read_csv(tmp_path / "disclosures.csv").expected_regret
+    assert half > 0.0
+    assert third == pytest.approx(2.0 / 3.0 * half, rel=1e-9)
+    assert f"at an expected regret of {third:.3g} to {half:.3g}" in capsys.readouterr().out
+    assert main(["disclose", *market, "--rule", "rate-distortion", "--disclosures", "every(2);every(3)"]) == 0
+    same = pd.read_csv(tmp_path / "disclosures.csv").expected_regret
+    assert same.tolist() == pytest.approx([half, half], rel=1e-6)
+    assert f"at an expected regret of {half:.3g}." in capsys.readouterr().out
+
+
 def test_errors_that_differ_by_noise_alone_are_no_ranking() -> None:
     def said(*errors: tuple[float, float]) -> str:
         rows = [
-            DisclosureRow(f"every({k})", 0.1, 0.01, *each, np.array([each[0]]), 1.0, 0.1)
+            DisclosureRow(f"every({k})", 0.1, 0.01, *each, np.array([each[0]]), 1.0, 0.1, 0.0)
             for k, each in enumerate(errors)
         ]
-        return DisclosureTable(tuple(rows), 0.5, 0.0, 1, 3).summary()
+        return DisclosureTable(tuple(rows), 0.5, 1, 3).summary()
 
     assert "errs alike with each, by 0.346 (69% of 0.500" in said((0.346, 0.0), (0.346 + 1e-16, 0.0), (0.346, 0.0))
     assert "errs alike with each" in said((0.316, 0.002), (0.315, 0.002))

@@ -44,8 +44,8 @@ def disclose(
         disclosures: Schedules separated by semicolons. Each is a chain, joined by |, of every(n), delayed(steps),
             rounded(digits), long_only(), at_least(weight), top(n), grouped([labels]), form_13f() and n_port(). Default: nine
             usual ones.
-        rule: The decision rule. ODM takes the optimal decisions; all others spend half the silence regret. The sequential rule
-            is computed for each schedule, which takes a minute or two each: name few.
+        rule: The decision rule. ODM takes the optimal decisions; all others spend at most half the silence regret. The
+            sequential rule is computed for each schedule, which takes a minute or two each: name few.
         steps: Length of the paths. Only their second half counts for the bits a step and the error.
         draws: Sampled paths.
         seed: The same seed gives the same numbers.
@@ -79,7 +79,6 @@ def disclose(
             steps,
             rng=np.random.default_rng(seed),
             n_draws=draws,
-            regret=spent if rule == "sequential" else None,
             progress=move,
         )
     title = f"{rule} on {found.note}"

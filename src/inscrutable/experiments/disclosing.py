@@ -10,9 +10,10 @@ import numpy as np
 import pandas as pd
 
 from inscrutable import tolerances, validation
+from inscrutable.decision_makers import SequentialDecisionMaker
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
-from inscrutable.mechanisms import Disclosure, Mechanism, MechanismRule
+from inscrutable.mechanisms import Disclosure, Mechanism, MechanismRule, Prior
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.privacy import path_leakage
 from inscrutable.saved import Saved, Summarised
@@ -48,6 +49,8 @@ class DisclosureRow(Saved):
         errors: Root mean square error at every step, shape (T,).
         total: Leakage of all steps together, in bits.
         total_se: Its standard error.
+        regret: Expected regret of the decisions a step, in the cost's unit; that of a rule is from its calibration, NaN where
+            it has none.
     """
 
     disclosure: str
@@ -58,6 +61,7 @@ class DisclosureRow(Saved):
     errors: Array
     total: float
     total_se: float
+    regret: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -67,7 +71,6 @@ class DisclosureTable(Summarised, Saved):
     Args:
         rows: One row per disclosure, in the given order.
         prior_error: Error without decisions, an upper bound for every disclosure.
-        expected_regret: Expected regret of the mechanism, in the cost's unit.
         n_steps: Steps per path; the later half counts, in whole periods of the schedule.
         n_beliefs: Number of beliefs of positive probability.
         is_made_for_each: Whether each disclosure has its own rule, and therefore other decisions.
@@ -77,7 +80,6 @@ class DisclosureTable(Summarised, Saved):
 
     rows: tuple[DisclosureRow, ...]
     prior_error: float
-    expected_regret: float
     n_steps: int
     n_beliefs: int
     is_made_for_each: bool = False
@@ -91,7 +93,7 @@ class DisclosureTable(Summarised, Saved):
         raise InputError(f"no row of {text}; there are {[row.disclosure for row in self.rows]}")
 
     def frame(self) -> pd.DataFrame:
-        """Return the figures, one row per disclosure: bits, errors and shares of the error without decisions."""
+        """Return the figures, one row per disclosure: bits, errors, shares of the error without decisions, regrets."""
         return pd.DataFrame(
             [
                 {
@@ -103,6 +105,7 @@ class DisclosureTable(Summarised, Saved):
                     "share_of_prior_error": self._share(row),
                     "bits_in_all": row.total,
                     "bits_in_all_se": row.total_se,
+                    "expected_regret": row.regret,
                 }
                 for row in self.rows
             ]
@@ -115,6 +118,7 @@ class DisclosureTable(Summarised, Saved):
             f"in {self.n_steps} steps": [f"{row.total:.1f} ± {row.total_se:.1f}" for row in self.rows],
             "error": [f"{row.error:.3f} ± {row.error_se:.3f}" for row in self.rows],
             "of the error without": [f"{self._share(row):.0%}" for row in self.rows],
+            "regret": [_regret_text(row.regret) for row in self.rows],
         }
         return pd.DataFrame(cells, index=pd.Index([row.disclosure for row in self.rows], name="shown"))
 
@@ -127,10 +131,10 @@ class DisclosureTable(Summarised, Saved):
             return "Nothing can be hidden: the belief never moves in this market, so the prior determines it."
         least, most = (pick(self.rows, key=lambda row: row.error) for pick in (min, max))
         same = "decisions are made for each" if self.is_made_for_each else "the decisions are the same"
-        spent = round(self.expected_regret, _DIGITS) + 0.0
+        spent = dict.fromkeys(_regret_text(pick(row.regret for row in self.rows)) for pick in (min, max))
         ends = [self._alike(least), self._alike(most)]
         by = f"by {least.error:.3f} ({self._share(least):.0%} of {self.prior_error:.3f}, its error without decisions)"
-        cost = f"{same}, at an expected regret of {spent:.3g}."
+        cost = f"{same}, at an expected regret of {' to '.join(spent)}."
         if len(ends[0]) == len(self.rows) > 1:
             return f"In short: the aware observer errs alike with each, {by}; {cost}"
         with_least, with_most = (" or ".join(each) for each in ends)
@@ -146,6 +150,10 @@ class DisclosureTable(Summarised, Saved):
             for each in self.rows
             if abs(each.error - row.error) <= 2.0 * np.hypot(each.error_se, row.error_se) + tolerances.SAME_BELIEF
         ]
+
+
+def _regret_text(regret: float) -> str:
+    return f"{round(regret, _DIGITS) + 0.0:.3g}"
 
 
 def whole_ones(disclosures: Sequence[str], actions: Array) -> list[str]:
@@ -173,7 +181,6 @@ def under_disclosures(
     *,
     rng: np.random.Generator,
     n_draws: int = 100,
-    regret: float | None = None,
     progress: Progress | None = None,
 ) -> DisclosureTable:
     """Return what a mechanism leaks under several disclosures to the aware observer over time.
@@ -188,7 +195,6 @@ def under_disclosures(
         n_steps: T, at least twice the longest period and above the longest delay.
         rng: The source of the paths.
         n_draws: Number of sampled paths, at least 10.
-        regret: Expected regret to report for rules, in the cost's unit; None: that of the mechanism.
         progress: Called with (disclosures done, disclosures in all).
 
     Raises:
@@ -205,11 +211,11 @@ def under_disclosures(
         >>> book = Mechanism(np.eye(2), [0, 1], np.eye(2), 1 - np.eye(2))
         >>> found = under_disclosures(chain, book, ["exact", "delayed(1)", "every(3)"], rng=np.random.default_rng(0))
         >>> print(found.lines().to_string())
-                      bits a step in 24 steps          error of the error without
+                      bits a step in 24 steps          error of the error without regret
         shown
-        exact       0.469 ± 0.000  11.8 ± 0.0  0.000 ± 0.000                   0%
-        delayed(1)  0.469 ± 0.000  11.3 ± 0.0  0.424 ± 0.000                  60%
-        every(3)    0.267 ± 0.000   6.6 ± 0.0  0.398 ± 0.000                  56%
+        exact       0.469 ± 0.000  11.8 ± 0.0  0.000 ± 0.000                   0%      0
+        delayed(1)  0.469 ± 0.000  11.3 ± 0.0  0.424 ± 0.000                  60%      0
+        every(3)    0.267 ± 0.000   6.6 ± 0.0  0.398 ± 0.000                  56%      0
     """
     asked = [Disclosure.of(each) for each in disclosures]
     if not asked or len(set(map(str, asked))) < len(asked):
@@ -223,7 +229,8 @@ def under_disclosures(
     seed, rows, prior_error = int(validation.generator(rng).integers(2**62)), [], 0.0
     for done, each in enumerate(asked):
         paths: Any = {"rng": np.random.default_rng(seed), "n_draws": n_draws, "disclosure": each}
-        found = path_leakage(chain, mechanism if isinstance(mechanism, Mechanism) else mechanism(each), count, **paths)
+        played = mechanism if isinstance(mechanism, Mechanism) else mechanism(each)
+        found = path_leakage(chain, played, count, **paths)
         period = each.schedule.period
         window = slice(count - count // 2 // period * period, None)
         error = float(np.sqrt(np.mean(found.bayes_error[window] ** 2)))
@@ -238,12 +245,16 @@ def under_disclosures(
                 found.bayes_error,
                 float(found.cumulative[-1]),
                 float(found.cumulative_se[-1]),
+                _regret(played, chain.prior),
             )
         )
         prior_error = float(found.prior_error[-1])
         if progress is not None:
             progress(done + 1, len(asked))
-    weights = chain.prior.weights
-    if regret is None:
-        regret = float(weights @ mechanism.expected_regrets) if isinstance(mechanism, Mechanism) else float("nan")
-    return DisclosureTable(tuple(rows), prior_error, regret, count, int(np.count_nonzero(weights)), not is_fixed)
+    return DisclosureTable(tuple(rows), prior_error, count, int(np.count_nonzero(chain.prior.weights)), not is_fixed)
+
+
+def _regret(played: Mechanism | MechanismRule, prior: Prior) -> float:
+    if isinstance(played, Mechanism):
+        return float(prior.weights @ played.expected_regrets)
+    return played.calibration.regret if isinstance(played, SequentialDecisionMaker) else float("nan")

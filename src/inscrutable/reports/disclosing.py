@@ -35,7 +35,7 @@ def write_disclosures(table: DisclosureTable, folder: str | os.PathLike[str], *,
 
 def summary_data(table: DisclosureTable, title: str) -> dict[str, Any]:
     """Return what `summary.json` holds: plain data, no clock, no path of this machine."""
-    kept = ("prior_error", "expected_regret", "n_steps", "n_beliefs")
+    kept = ("prior_error", "n_steps", "n_beliefs")
     return {
         "version": __version__,
         "title": title,

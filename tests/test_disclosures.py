@@ -600,6 +600,34 @@ def test_every_schedule_has_the_regret_of_its_own_rule(tmp_path: Any, capsys: py
     assert f"at an expected regret of {half:.3g}." in capsys.readouterr().out
 
 
+def test_a_rule_that_draws_one_of_two_prices_is_read_as_the_mean_over_the_draw() -> None:
+    """The price is public: squares of errors, bits and regrets are means over it."""
+    chain = resting_chain(ins.uniform_prior(2, 4), 0.8)
+
+    def rule(shown: Disclosure, prices: ins.PriceCalibration) -> ins.SequentialDecisionMaker:
+        problem, budget = ins.FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), ins.Budget.regret(0.1)
+        made: dict[str, Any] = {"chain": chain, "disclosure": shown, "calibration": prices, "rng": RNG}
+        return ins.SequentialDecisionMaker(problem, budget, **made)
+
+    def read(*prices: float, **more: Any) -> DisclosureTable:
+        shares = [0.25, 0.75][: len(prices)] if len(prices) > 1 else [1.0]
+        given = ins.PriceCalibration(np.array(prices), np.inf, np.array(shares), **more)
+        asked = ["exact", "every(2)|delayed(1)"]
+        return under_disclosures(
+            chain, lambda shown: rule(shown, given), asked, 6, rng=np.random.default_rng(SEED), n_draws=10
+        )
+
+    cheap, dear, drawn = read(2.0), read(9.0), read(2.0, 9.0, regret=0.1)
+    for low, high, both in zip(cheap.rows, dear.rows, drawn.rows, strict=True):
+        assert both.error**2 == pytest.approx(0.25 * low.error**2 + 0.75 * high.error**2, rel=1e-12)
+        for name in ("bits", "total"):
+            mean = 0.25 * getattr(low, name) + 0.75 * getattr(high, name)
+            assert getattr(both, name) == pytest.approx(mean, rel=1e-12)
+        assert low.error > high.error
+        assert both.regret == 0.1
+        assert np.isnan(low.regret)
+
+
 def test_errors_that_differ_by_noise_alone_are_no_ranking() -> None:
     def said(*errors: tuple[float, float]) -> str:
         rows = [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,7 +14,7 @@ from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Disclosure, Mechanism, MechanismRule, Prior
 from inscrutable.mechanisms.chains import BeliefChain
-from inscrutable.privacy import path_leakage
+from inscrutable.privacy import PathLeakage, path_leakage
 from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
@@ -48,7 +47,7 @@ class DisclosureRow(Saved):
         error_se: Its standard error, at most.
         errors: Root mean square error at every step, shape (T,).
         total: Leakage of all steps together, in bits.
-        total_se: Its standard error.
+        total_se: Its standard error, at most.
         regret: Expected regret of the decisions a step, in the cost's unit; that of a rule is from its calibration, NaN where
             it has none.
     """
@@ -200,7 +199,7 @@ def under_disclosures(
     Raises:
         InputError: An argument is malformed, a disclosure needs more steps, or it needs returns.
 
-    Cost: one `path_leakage` per disclosure.
+    Cost: one `path_leakage` per disclosure, or two where a sequential rule draws one of two prices, which is public.
 
     Source: see `path_leakage`.
 
@@ -228,27 +227,14 @@ def under_disclosures(
     is_fixed = isinstance(mechanism, Mechanism)
     seed, rows, prior_error = int(validation.generator(rng).integers(2**62)), [], 0.0
     for done, each in enumerate(asked):
-        paths: Any = {"rng": np.random.default_rng(seed), "n_draws": n_draws, "disclosure": each}
         played = mechanism if isinstance(mechanism, Mechanism) else mechanism(each)
-        found = path_leakage(chain, played, count, **paths)
-        period = each.schedule.period
-        window = slice(count - count // 2 // period * period, None)
-        error = float(np.sqrt(np.mean(found.bayes_error[window] ** 2)))
-        spread = float(np.mean(found.bayes_error[window] * found.error_se[window]))
-        rows.append(
-            DisclosureRow(
-                str(each),
-                float(found.added[window].mean()),
-                float(found.added_se[window].mean()),
-                error,
-                spread / error if error > 0 else 0.0,
-                found.bayes_error,
-                float(found.cumulative[-1]),
-                float(found.cumulative_se[-1]),
-                _regret(played, chain.prior),
-            )
-        )
-        prior_error = float(found.prior_error[-1])
+        rules, shares = _known_rules(played)
+        found = [
+            path_leakage(chain, rule, count, rng=np.random.default_rng(seed), n_draws=n_draws, disclosure=each)
+            for rule in rules
+        ]
+        rows.append(_row(each, found, shares, _regret(played, chain.prior)))
+        prior_error = float(found[0].prior_error[-1])
         if progress is not None:
             progress(done + 1, len(asked))
     return DisclosureTable(tuple(rows), prior_error, count, int(np.count_nonzero(chain.prior.weights)), not is_fixed)
@@ -258,3 +244,33 @@ def _regret(played: Mechanism | MechanismRule, prior: Prior) -> float:
     if isinstance(played, Mechanism):
         return float(prior.weights @ played.expected_regrets)
     return played.calibration.regret if isinstance(played, SequentialDecisionMaker) else float("nan")
+
+
+def _known_rules(played: Mechanism | MechanismRule) -> tuple[Sequence[Mechanism | MechanismRule], Array]:
+    """The rules that the observer may face, of which it knows the one that was drawn, and their probabilities."""
+    if isinstance(played, SequentialDecisionMaker):
+        return played.at_each_price(), played.calibration.shares
+    return [played], np.ones(1)
+
+
+def _row(shown: Disclosure, found: Sequence[PathLeakage], shares: Array, regret: float) -> DisclosureRow:
+    """The mean over a draw of one of several rules."""
+    count, period = len(found[0]), shown.schedule.period
+    window = slice(count - count // 2 // period * period, None)
+
+    def mean(figures: Callable[[PathLeakage], Array]) -> Array:
+        return np.asarray(shares @ [figures(each) for each in found])
+
+    squared, spread = mean(lambda each: each.bayes_error**2), mean(lambda each: each.bayes_error * each.error_se)
+    error = float(np.sqrt(squared[window].mean()))
+    return DisclosureRow(
+        str(shown),
+        float(mean(lambda each: each.added)[window].mean()),
+        float(mean(lambda each: each.added_se)[window].mean()),
+        error,
+        float(spread[window].mean()) / error if error > 0 else 0.0,
+        np.sqrt(squared),
+        float(mean(lambda each: each.cumulative)[-1]),
+        float(mean(lambda each: each.cumulative_se)[-1]),
+        regret,
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -196,6 +197,13 @@ class SequentialDecisionMaker(Described):
             self._calibration = replace(found, lost=str(self.loss))
         return self._calibration
 
+    def at_each_price(self) -> list[SequentialDecisionMaker]:
+        """Return the rule at each price of the calibration: the one drawn before the first step is public."""
+        prices, found = self.calibration, [copy(self) for _ in self.calibration.shares]
+        for rule, price in zip(found, prices.regret_prices, strict=True):
+            rule._calibration = PriceCalibration.at(price, prices.information_price)
+        return found
+
     @cached_property
     def ceiling(self) -> float:
         """An upper bound of the observer's long-run mean loss under every causal rule on these decisions, beliefs and budget.
@@ -215,7 +223,8 @@ class SequentialDecisionMaker(Described):
         `before` is the decision of the step before, which wins ties and from which turnover counts; None where there is none.
 
         Raises:
-            InputError: The law is on other beliefs, or one of two prices is to be drawn first: ask the sequence that did.
+            InputError: The law is on other beliefs, or one of two prices is to be drawn first: ask the sequence that did, or a
+                rule of `at_each_price`.
         """
         if len(self.calibration.shares) > 1:
             raise InputError("one of two prices is drawn before the first step: call begin().mechanism_for(law)")

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import hadamard
 
 import inscrutable as ins
 from inscrutable import Disclosure, InputError
@@ -629,10 +630,13 @@ def test_a_rule_that_draws_one_of_two_prices_is_read_as_the_mean_over_the_draw()
 
 
 def test_errors_that_differ_by_noise_alone_are_no_ranking() -> None:
-    def said(*errors: tuple[float, float]) -> str:
+    def said(*errors: tuple[float, float], is_shared: bool = False) -> str:
+        """The sentence on errors with standard errors, whose paths differ from row to row by independent noise, or alike."""
+        noise = np.zeros((len(errors), 8)) + hadamard(8)[1] if is_shared else hadamard(8)[1 : 1 + len(errors)]
+        paths = [each**2 + 2.0 * each * se * np.sqrt(7.0) * z for (each, se), z in zip(errors, noise, strict=True)]
         rows = [
-            DisclosureRow(f"every({k})", 0.1, 0.01, *each, np.array([each[0]]), 1.0, 0.1, 0.0)
-            for k, each in enumerate(errors)
+            DisclosureRow(f"every({k})", 0.1, 0.01, *each, np.array([each[0]]), squared, 1.0, 0.1, 0.0)
+            for k, (each, squared) in enumerate(zip(errors, paths, strict=True))
         ]
         return DisclosureTable(tuple(rows), 0.5, 1, 3).summary()
 
@@ -641,3 +645,35 @@ def test_errors_that_differ_by_noise_alone_are_no_ranking() -> None:
     told = said((0.316, 0.002), (0.2, 0.01), (0.314, 0.002), (0.21, 0.01))
     assert "errs least with every(1) or every(3), by 0.200" in told
     assert "most with every(0) or every(2), by 0.316" in told
+    between = said((0.3, 0.01), (0.32, 0.01), (0.34, 0.01))  # the second differs from neither of the others
+    assert "errs least with every(0), by 0.300" in between
+    assert "most with every(2), by 0.340" in between
+    together = said((0.3, 0.02), (0.32, 0.02), is_shared=True)
+    assert "errs least with every(0), by 0.300" in together
+    assert "most with every(1), by 0.320" in together
+    assert "errs by 0.316 (63% of 0.500" in said((0.316, 0.002))
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_no_schedule_is_named_for_both_ends(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["disclose", "--market", "paper", "--resolution", "8", "--rule", "rate-distortion", "--draws", "20"]
+    for shown in (["exact"], ["exact", "delayed(1)", "every(3)"]):
+        assert main([*asked, "--disclosures", ";".join(shown), "--out", str(tmp_path)]) == 0
+        sentence = capsys.readouterr().out.split("In short: ")[1]
+        assert all(sentence.count(each) <= 1 for each in shown)
+
+
+def test_errors_of_schedules_are_means_over_the_same_paths() -> None:
+    """The stated standard errors, of errors and of their differences, are the spread over simulations."""
+    chain = resting_chain(ins.uniform_prior(2, 3), 0.9)
+    table = [[0.6, 0.4, 0.0], [0.5, 0.4, 0.1], [0.1, 0.4, 0.5], [0.0, 0.4, 0.6]]
+    played = ins.Mechanism(chain.prior.beliefs, [0, 1, 2], table, np.zeros((4, 3)))
+    asked, rng = ["exact", "delayed(1)"], np.random.default_rng([SEED, 8])
+    runs = [under_disclosures(chain, played, asked, 12, rng=rng, n_draws=50).rows for _ in range(40)]
+    errors = np.array([[row.error for row in rows] for rows in runs])
+    stated = np.mean([[row.error_se for row in rows] for rows in runs], axis=0)
+    np.testing.assert_allclose(errors.std(axis=0, ddof=1) / stated, 1.0, atol=0.5)
+    influences = [np.subtract(*(row.squared / (2.0 * row.error) for row in rows)) for rows in runs]
+    apart = np.mean([each.std(ddof=1) / np.sqrt(len(each)) for each in influences])
+    assert np.diff(errors).std(ddof=1) / apart == pytest.approx(1.0, abs=0.5)
+    assert apart < 0.7 * np.hypot(*stated)

@@ -44,8 +44,10 @@ class DisclosureRow(Saved):
         bits: Leakage per step about the beliefs so far, in bits, averaged over the counted steps.
         bits_se: Its standard error, at most.
         error: Root mean square error of the estimate of the present belief over the counted steps, Euclidean.
-        error_se: Its standard error, at most.
+        error_se: Its standard error.
         errors: Root mean square error at every step, shape (T,).
+        squared: Mean square error over the counted steps on every path, shape (D,), the same paths in all rows; one number
+            where sequences were enumerated.
         total: Leakage of all steps together, in bits.
         total_se: Its standard error, at most.
         regret: Expected regret of the decisions a step, in the cost's unit; that of a rule is from its calibration, NaN where
@@ -58,6 +60,7 @@ class DisclosureRow(Saved):
     error: float
     error_se: float
     errors: Array
+    squared: Array
     total: float
     total_se: float
     regret: float
@@ -128,27 +131,39 @@ class DisclosureTable(Summarised, Saved):
         """Return which disclosure hides the present belief best, and which least, as text."""
         if self.prior_error <= tolerances.SAME_BELIEF:
             return "Nothing can be hidden: the belief never moves in this market, so the prior determines it."
-        least, most = (pick(self.rows, key=lambda row: row.error) for pick in (min, max))
         same = "decisions are made for each" if self.is_made_for_each else "the decisions are the same"
         spent = dict.fromkeys(_regret_text(pick(row.regret for row in self.rows)) for pick in (min, max))
-        ends = [self._alike(least), self._alike(most)]
-        by = f"by {least.error:.3f} ({self._share(least):.0%} of {self.prior_error:.3f}, its error without decisions)"
         cost = f"{same}, at an expected regret of {' to '.join(spent)}."
-        if len(ends[0]) == len(self.rows) > 1:
-            return f"In short: the aware observer errs alike with each, {by}; {cost}"
-        with_least, with_most = (" or ".join(each) for each in ends)
+        low, high = self._ends()
+        least = min(low or self.rows, key=lambda row: row.error)
+        by = f"by {least.error:.3f} ({self._share(least):.0%} of {self.prior_error:.3f}, its error without decisions)"
+        if not low:
+            alike = "alike with each, " if len(self.rows) > 1 else ""
+            return f"In short: the aware observer errs {alike}{by}; {cost}"
+        most = max(high, key=lambda row: row.error)
+        with_least, with_most = (" or ".join(row.disclosure for row in end) for end in (low, high))
         return (
             f"In short: the aware observer errs least with {with_least}, {by}, and most with {with_most}, by {most.error:.3f} "
             f"({self._share(most):.0%}); {cost}"
         )
 
-    def _alike(self, row: DisclosureRow) -> list[str]:
-        """Disclosures whose error differs from a row's by no more than two standard errors of the difference."""
-        return [
-            each.disclosure
-            for each in self.rows
-            if abs(each.error - row.error) <= 2.0 * np.hypot(each.error_se, row.error_se) + tolerances.SAME_BELIEF
-        ]
+    def _ends(self) -> tuple[list[DisclosureRow], list[DisclosureRow]]:
+        """Rows with an error below another's and above none, and rows above another's and below none."""
+        below = np.array([[_is_below(one, other) for other in self.rows] for one in self.rows])
+        lower, higher = below.any(axis=1), below.any(axis=0)
+        low, high = np.flatnonzero(lower & ~higher), np.flatnonzero(higher & ~lower)
+        return [self.rows[k] for k in low], [self.rows[k] for k in high]
+
+
+def _is_below(one: DisclosureRow, other: DisclosureRow) -> bool:
+    """Whether an error is below another by more than two standard errors of their difference on the same paths."""
+    first, second = (row.squared / (2.0 * row.error) if row.error > 0 else row.squared for row in (one, other))
+    return other.error - one.error > 2.0 * _standard_error(second - first) + tolerances.SAME_BELIEF
+
+
+def _standard_error(figures: Array) -> float:
+    """Standard error of the mean over paths (D,); 0 for the one figure of an enumeration."""
+    return float(figures.std(ddof=1) / np.sqrt(len(figures))) if len(figures) > 1 else 0.0
 
 
 def _regret_text(regret: float) -> str:
@@ -261,15 +276,17 @@ def _row(shown: Disclosure, found: Sequence[PathLeakage], shares: Array, regret:
     def mean(figures: Callable[[PathLeakage], Array]) -> Array:
         return np.asarray(shares @ [figures(each) for each in found])
 
-    squared, spread = mean(lambda each: each.bayes_error**2), mean(lambda each: each.bayes_error * each.error_se)
-    error = float(np.sqrt(squared[window].mean()))
+    squared: Array = sum(share * each.squared for share, each in zip(shares, found, strict=True))
+    counted = squared[:, window].mean(axis=1)
+    error = float(np.sqrt(counted.mean()))
     return DisclosureRow(
         str(shown),
         float(mean(lambda each: each.added)[window].mean()),
         float(mean(lambda each: each.added_se)[window].mean()),
         error,
-        float(spread[window].mean()) / error if error > 0 else 0.0,
-        np.sqrt(squared),
+        _standard_error(counted) / (2.0 * error) if error > 0 else 0.0,
+        np.sqrt(squared.mean(axis=0)),
+        counted,
         float(mean(lambda each: each.cumulative)[-1]),
         float(mean(lambda each: each.cumulative_se)[-1]),
         regret,

@@ -42,7 +42,7 @@ _LEAST_DRAWS = 10
 class PathLeakage(Summarised, Saved):
     """Leakage of the decisions u_0..u_t to the aware observer, who knows the mechanism and the chain of the belief.
 
-    All arrays have shape (T,), one entry a step; information is in bits, errors are in units of belief.
+    Arrays but `squared` have shape (T,), one entry a step; information is in bits, errors are in units of belief.
 
     Args:
         added: I(π_0..π_t; u_t | u_0..u_{t−1}) = E[log2 K(u_t|π_t) − log2 p(u_t|u_0..u_{t−1})]: what the decision of a step
@@ -58,6 +58,8 @@ class PathLeakage(Summarised, Saved):
         belief_information_se: Those of `belief_information`.
         state_information_se: Those of `state_information`.
         error_se: Those of `bayes_error`.
+        squared: Square errors of which `bayes_error` is the root mean, on each sampled path, shape (D,T); one row where all
+            sequences were enumerated. The same `rng` gives the same paths of beliefs under every mechanism and disclosure.
         prior_error: The error without decisions at each step, which no rule exceeds; the observer then has the public
             observations alone. On a grid it is the error under the grid's law, a little larger than that under the agent's.
         interpolation_error: Largest expected distance, over steps and paths, between the agent's belief and the mechanism's
@@ -99,6 +101,7 @@ class PathLeakage(Summarised, Saved):
     belief_information_se: Array
     state_information_se: Array
     error_se: Array
+    squared: Array
     prior_error: Array
     interpolation_error: float
     n_draws: int
@@ -261,6 +264,7 @@ def _averaged(found: PathFigures, prior_error: Array) -> PathLeakage:
         belief_information_se=errors[2],
         state_information_se=errors[3],
         error_se=np.divide(errors[4], 2.0 * root, out=np.zeros_like(root), where=root > 0),
+        squared=found.squared,
         prior_error=prior_error,
         interpolation_error=found.interpolation_error,
         n_draws=len(found.added) if found.is_sampled else 0,

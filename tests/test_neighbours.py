@@ -58,6 +58,15 @@ def test_hmmlearn_gives_the_same_likelihood(kind, fresh_rng):
     assert found == pytest.approx(discrete.score(symbols[:, None]), rel=1e-9)
 
 
+def test_hmmlearn_with_counts_of_several_trials_is_refused():
+    """It was read as a sensor that draws one symbol a step."""
+    model = pytest.importorskip("hmmlearn.hmm").MultinomialHMM(2, n_trials=5)
+    model.startprob_, model.transmat_ = [0.6, 0.4], [[0.9, 0.1], [0.3, 0.7]]
+    model.emissionprob_ = np.array([[0.8, 0.1, 0.1], [0.1, 0.2, 0.7]])
+    with pytest.raises(InputError, match="MultinomialHMM observes counts of trials"):
+        ins.from_hmmlearn(model)
+
+
 def test_statsmodels_gives_the_same_likelihood():
     switching = pytest.importorskip("statsmodels.tsa.regime_switching.markov_regression")
     draws = np.random.default_rng(2).normal(size=80) * np.repeat([0.5, 2.0, 0.5, 1.5], 20) + 0.1

@@ -23,7 +23,7 @@ def from_hmmlearn(model: Any) -> HiddenMarkovModel:
         model: The fitted model; any kind of covariance.
 
     Raises:
-        InputError: It was not fitted, or has another observation model, such as a mixture.
+        InputError: It was not fitted, or has another observation model, such as a mixture or counts of several trials.
         ModelError: A covariance is singular.
 
     Cost: none. Source: hmmlearn, module `hmm`.
@@ -42,6 +42,8 @@ def from_hmmlearn(model: Any) -> HiddenMarkovModel:
         raise InputError(
             f"{type(model).__name__} has mixtures as its observation model, expected Gaussian or categorical ones"
         )
+    if hasattr(model, "n_trials"):  # its probabilities are of one trial, its observations are counts
+        raise InputError(f"{type(model).__name__} observes counts of trials, expected a GaussianHMM or CategoricalHMM")
     if hasattr(model, "emissionprob_"):
         return HiddenMarkovModel(parts[0], CategoricalEmission(model.emissionprob_), parts[1])
     means, covariances = _fitted(model, ("means_", "covars_"), "a fitted GaussianHMM of hmmlearn")

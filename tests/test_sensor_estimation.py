@@ -148,6 +148,18 @@ def test_transitions_of_random_models_follow_from_beliefs_alone(
             assert error(read, sensor) <= 1e-5
 
 
+@pytest.mark.parametrize(("seed", "n_states"), [(2, 3), (12, 3), (15, 4), (19, 4), (20, 4)])
+def test_a_single_symbol_is_known(seed: int, n_states: int) -> None:
+    """Without symbols these exact beliefs were called inconsistent."""
+    transition = np.random.default_rng(seed).dirichlet(np.full(n_states, 2.0), n_states)
+    beliefs = [np.random.default_rng(seed).dirichlet(np.ones(n_states))]
+    for _ in range(20):
+        beliefs.append(beliefs[-1] @ transition)
+    found = estimate_world(beliefs, n_symbols=1)
+    assert found.is_identified
+    assert np.abs(found.world.transition - transition).max() <= 1e-6
+
+
 @pytest.mark.parametrize("seed", [5, 24, 36, 39])
 def test_noisy_beliefs_with_known_symbols_are_explained_by_the_world_behind_them(seed: int) -> None:
     """Worlds whose transition by equations has zeros, which stay zeros; they were called inconsistent."""

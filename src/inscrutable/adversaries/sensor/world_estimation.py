@@ -92,7 +92,7 @@ def estimate_world(
     if n_symbols is None:
         raise InputError("n_symbols must be a number: without a transition, the number of symbols is not found")
     count = validation.count(n_symbols, "n_symbols")
-    told = None if symbols is None else _told(symbols, count, len(held) - 1)
+    told = _told(symbols, count, len(held) - 1)
     draws = validation.count(n_bootstrap, "n_bootstrap", least=0)
     source = validation.generator(rng) if draws else None
     names = None if states.names is None else tuple(str(each) for each in states.names)
@@ -172,8 +172,10 @@ def _residual(held: Array, symbols: np.ndarray, transition: Array, sensor: Array
     return float(np.linalg.norm(held[1:][used] - shown, axis=1).max(initial=0.0))
 
 
-def _told(symbols: ArrayLike, count: int, n_steps: int) -> np.ndarray:
-    """Known symbols of the steps (T−1,)."""
+def _told(symbols: ArrayLike | None, count: int, n_steps: int) -> np.ndarray | None:
+    """Known symbols of the steps (T−1,), as a single symbol always is; None where they are to be found."""
+    if symbols is None:
+        return np.zeros(n_steps, dtype=np.int64) if count == 1 else None
     found = checked_symbols(symbols, count, "symbols")
     if len(found) not in (n_steps, n_steps + 1):
         raise InputError(

@@ -68,7 +68,8 @@ def filter_steps(before: Array, held: Array, transition: Array) -> FilterSteps:
         k, state = (int(each) for each in impossible[0])
         raise ModelError(
             f"belief {k + 1} gives state {state} the probability {held[k, state]:.3g}, but the transition never leads there "
-            f"from belief {k}: no filter of this chain holds these beliefs one after the other"
+            f"from belief {k}: no filter of this chain holds these beliefs one after the other, unless a probability of belief "
+            f"{k} was rounded to 0; then give more digits"
         )
     some = np.flatnonzero(seen & (predicted > tolerances.TINY).all(axis=1))
     return FilterSteps(predicted[some], held[some], filter_weights(predicted[some], held[some], transition), some)

@@ -246,6 +246,44 @@ def test_beliefs_that_follow_no_filter_identify_nothing() -> None:
     assert estimate_world(beliefs, n_symbols=3).status in (SensorStatus.OVERLAPPING, SensorStatus.INCONSISTENT)
 
 
+def arbitrary(found: np.ndarray, true: np.ndarray) -> int:
+    """Number of steps with another symbol than most steps of their group."""
+    groups = [true[found == y] for y in np.unique(found[found >= 0])]
+    return sum(len(group) - int(np.bincount(group).max()) for group in groups)
+
+
+@pytest.mark.parametrize("transition", [np.eye(2), np.array([[0.95, 0.05], [0.0, 1.0]])], ids=["fixed", "absorbing"])
+@pytest.mark.parametrize("sensor", [[[0.7, 0.3], [0.4, 0.6]], [[0.6, 0.3, 0.1], [0.2, 0.3, 0.5]]], ids=["two", "three"])
+def test_steps_near_a_sure_state_have_no_symbol(transition: np.ndarray, sensor: list[list[float]]) -> None:
+    """All symbols explain them within rounding; they had arbitrary ones, whose frequencies gave a wrong sensor for certain."""
+    table, held = np.array(sensor), []
+    for seed in range(20):
+        world = HiddenMarkovModel(transition, CategoricalEmission(table), [0.5, 0.5])
+        symbols = np.asarray(world.sample(200, rng=np.random.default_rng(seed)).observations)
+        found = estimate_world(filter_beliefs(world, symbols).beliefs, n_symbols=table.shape[1])
+        assert arbitrary(found.symbols, symbols[1:]) == 0
+        assert found.status is not SensorStatus.INCONSISTENT
+        if found.status is SensorStatus.DEGENERATE:
+            continue
+        order = [int(symbols[1:][found.symbols == y][0]) for y in range(table.shape[1])]
+        low, high = found.sensor_intervals[..., 0] - 1e-6, found.sensor_intervals[..., 1] + 1e-6
+        held.append((low <= table[:, order]) & (table[:, order] <= high))
+    assert len(held) >= 19
+    assert np.mean(held) >= 0.75, "the frequencies of some fifty steps"
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_rounding_gives_no_step_a_symbol(seed: int) -> None:
+    """Where beliefs are nearly certain, or two states have nearly one sensor, the least of distances of 1e-16 chose it."""
+    rng = np.random.default_rng([seed, 7])
+    world = HiddenMarkovModel(np.eye(3), CategoricalEmission(rng.dirichlet(np.full(3, 2.0), 3)), np.full(3, 1 / 3))
+    symbols = np.asarray(world.sample(200, rng=np.random.default_rng(seed)).observations)
+    found = estimate_sensor(filter_beliefs(world, symbols).beliefs, np.eye(3), n_symbols=3)
+    assert found.is_identified
+    assert arbitrary(found.symbols, symbols[1:]) == 0
+    assert error(found.probabilities, world.emission.probabilities) <= 1e-6  # type: ignore[attr-defined]
+
+
 def test_a_belief_in_a_state_that_the_chain_cannot_reach_is_refused() -> None:
     with pytest.raises(
         ModelError, match=r"belief 1 gives state 1 the probability .* unless .* belief 0 was rounded to 0"

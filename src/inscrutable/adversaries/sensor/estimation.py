@@ -75,7 +75,7 @@ def estimate_sensor(
     if not len(steps.numbers):
         return nothing_known(len(chain), wanted or 1, symbols, SensorStatus.ZEROS)
     fit = fitted(steps, wanted)
-    symbols[steps.numbers] = fit.groups.symbols
+    symbols[steps.numbers] = np.maximum(fit.groups.symbols, -1)
     is_short = wanted is not None and fit.n_unseen > 0
     intervals = fit.intervals if source is None or is_short else bootstrapped(steps, fit, draws, source)
     return EstimatedSensor(fit.probabilities, symbols, fit.residual, fit.status, intervals, fit.noise)

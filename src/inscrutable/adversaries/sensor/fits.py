@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.adversaries.sensor.groups import Groups, column_errors, grouped, moved
+from inscrutable.adversaries.sensor.groups import UNCLEAR, Groups, column_errors, grouped, moved
 from inscrutable.adversaries.sensor.results import EstimatedSensor, SensorStatus
 from inscrutable.adversaries.sensor.scales import Scales, scaled
 from inscrutable.adversaries.sensor.steps import FilterSteps
@@ -71,6 +72,7 @@ def fitted(steps: FilterSteps, n_symbols: int | None, groups: Groups | None = No
     found = _in_order(grouped(steps, n_symbols)) if groups is None else groups
     if groups is None and n_symbols is None:
         found = _without_jumps(steps, found)
+    found = _with_unclear(steps, found) if groups is None else found
     used = found.symbols >= 0
     count = len(found.columns)
     noise = _noise(found, steps.held.shape[1])
@@ -124,8 +126,39 @@ def _in_order(groups: Groups) -> Groups:
         target[symbol] = next(near, len(kept))
         if target[symbol] == len(kept):
             kept.append(symbol)
-    symbols = np.array([target.get(int(each), -1) for each in groups.symbols], dtype=np.int64)
+    symbols = np.array([target.get(int(each), each) for each in groups.symbols], dtype=np.int64)
     return Groups(groups.columns[kept], symbols, groups.misses)
+
+
+def _with_unclear(steps: FilterSteps, groups: Groups) -> Groups:
+    """Mark unclear steps; where they alone made up a group, the others are grouped again without them."""
+    found = _marked(steps, groups)
+    if len(found.columns) == len(groups.columns):
+        return found
+    clear = found.symbols != UNCLEAR
+    again = grouped(steps.of(clear), len(groups.columns))
+    symbols, misses = found.symbols.copy(), found.misses.copy()
+    symbols[clear], misses[clear] = again.symbols, again.misses
+    return _marked(steps, _in_order(Groups(again.columns, symbols, misses)))
+
+
+def _marked(steps: FilterSteps, groups: Groups) -> Groups:
+    """Mark the steps of exact beliefs in which two columns lead to beliefs no further apart than a few errors of the fit.
+
+    Near a sure state rounding, or an error of the transition, decides which column is nearest. The belief before a step alone
+    decides whether it is marked, and not its symbol, so that the frequencies of the other steps are not biased.
+    """
+    used = groups.symbols >= 0
+    if _noise(groups, steps.held.shape[1]) > tolerances.EXACT_BELIEFS:
+        return groups
+    shown = steps.shown(groups.columns)
+    error = np.linalg.norm(steps.held[used] - shown[used, groups.symbols[used]], axis=1).max()
+    unclear = np.zeros(len(used), dtype=bool)
+    for one, other in combinations(range(len(groups.columns)), 2):
+        unclear |= np.linalg.norm(shown[:, one] - shown[:, other], axis=1) <= _SEPARATED * error
+    if unclear[used].all():
+        return groups
+    return _in_order(groups._replace(symbols=np.where(used & unclear, UNCLEAR, groups.symbols)))
 
 
 def _filled(columns: Array, errors: Array, scales: Scales, n_unseen: int) -> tuple[Array, Array]:
@@ -149,7 +182,7 @@ def _status(
     count = len(groups.columns)
     if len(groups.outlying):
         return SensorStatus.INCONSISTENT
-    if len(steps.numbers) <= count + n_unseen and count > 1:
+    if int((groups.symbols >= 0).sum()) <= count + n_unseen and count > 1:
         return SensorStatus.TOO_FEW_STEPS
     if n_unseen:
         return SensorStatus.TOO_FEW_SYMBOLS

@@ -28,13 +28,16 @@ _ROUNDS, _MOVES = 60, 12
 _OUTLYING = 30.0
 """A step this many times further off than the median is an outlier: no Gaussian error is so large."""
 
+UNCLEAR = -2
+"""Symbol of a step that several columns explain equally well."""
+
 
 class Groups(NamedTuple):
     """Steps by symbol.
 
     Args:
         columns: The sensor's columns up to a factor, largest entry one, shape (Y,X).
-        symbols: The symbol of each step, shape (K,); −1 where none explains it.
+        symbols: The symbol of each step, shape (K,); −1 where none explains it, `UNCLEAR` where several do equally well.
         misses: Distance of each step from its column, shape (K,), in standard deviations of one belief's error.
     """
 
@@ -45,7 +48,7 @@ class Groups(NamedTuple):
     @property
     def outlying(self) -> np.ndarray:
         """The steps that no column explains."""
-        return np.flatnonzero(self.symbols < 0)
+        return np.flatnonzero(self.symbols == -1)
 
 
 def grouped(steps: FilterSteps, n_symbols: int | None) -> Groups:

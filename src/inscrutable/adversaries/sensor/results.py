@@ -74,8 +74,8 @@ class EstimatedSensor(_Answer):
 
     Args:
         probabilities: The sensor, shape (X,Y), rows that sum to one; symbols are numbered in order of appearance.
-        symbols: The symbol of each step from a belief to the next, shape (T−1,); −1 where no symbol explains the step or the
-            step was not used.
+        symbols: The symbol of each step from a belief to the next, shape (T−1,); −1 where no symbol explains the step, where
+            several do equally well, as near a sure state, or where the step was not used.
         residual: Largest Euclidean distance of a belief from the filter's update of the belief before it.
         status: Whether the data determine the sensor.
         intervals: 95 % intervals of each entry, shape (X,Y,2).
@@ -110,7 +110,8 @@ class EstimatedWorld(_Answer):
 
     Args:
         world: Transition and sensor; symbols have the given names, else they are numbered in order of appearance.
-        symbols: The symbol of each step from a belief to the next, shape (T−1,); −1 where none explains the step.
+        symbols: The symbol of each step from a belief to the next, shape (T−1,); −1 where none explains the step, or several
+            do equally well, as near a sure state.
         residual: Largest Euclidean distance of a belief from the filter's update of the belief before it.
         status: Whether the data determine the world; `SCALES_BY_FREQUENCY` concerns the sensor alone.
         transition_intervals: 95 % intervals, shape (X,X,2), by bootstrap, else by the curvature of the joint fit; of zero width

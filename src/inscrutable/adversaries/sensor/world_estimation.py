@@ -101,7 +101,7 @@ def estimate_world(
         return _unknown(held, count, told, names)
     transition, fit, numbers = guess
     found = np.full(len(held) - 1, -1)
-    found[numbers] = fit.groups.symbols
+    found[numbers] = np.maximum(fit.groups.symbols, -1)
     sensor, limits, status = fit.probabilities, fit.intervals, fit.status
     chain_limits = np.stack([transition, transition], axis=2)
     whole = _whole(held, found, transition, fit, count)

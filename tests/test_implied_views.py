@@ -32,7 +32,7 @@ from inscrutable import (
     simplex,
 )
 from inscrutable.alphas import obfuscation
-from sizes import some
+from sizes import instances, some
 
 Array = Any
 N, GAMMA = 6, 1.7
@@ -137,6 +137,41 @@ def test_the_nearest_view_is_a_member_at_every_scale(size: float, far: float, fr
                 full = np.eye(N) if loads is None else loads
                 told = other + np.linalg.pinv(full) @ (2.0 * GAMMA * risk.dense() @ weights - full @ other)
                 np.testing.assert_allclose(nearest, told, rtol=0, atol=1e-9 * max(size, far))
+
+
+def test_a_limit_that_others_imply_takes_no_view_away() -> None:
+    """Of 400 means whose best weights are at such a vertex 113 were denied, at a distance of rounding."""
+    rng = np.random.default_rng(0)
+    loads = 0.04 * rng.normal(size=(3, 3))
+    caps = simplex(3) & box(np.zeros(3), np.full(3, 0.4)) & Polyhedron(A_ub=[[1.0, 1.0, 0.0]], b_ub=[0.6])
+    problem = AlphaProblem(loads @ loads.T + 1e-3 * np.eye(3), 5.0, caps)
+    means = 0.05 * rng.normal(size=(200, 3))
+    tight = [(mean, held) for mean in means if (held := problem.optimum(mean))[2] > 0.4 - 1e-9]
+    assert len(tight) > 50
+    for mean, held in tight:
+        views = implied_views(problem, held)
+        assert views.contains(mean)
+        assert views.distance(mean) <= 1e-12
+
+
+def test_the_nearest_view_under_many_tight_limits_is_that_of_a_lifted_programme() -> None:
+    """Where one multiplier moves what two assets leave, from one to the other, the whole step gained nothing and was taken."""
+    views = implied_views(AlphaProblem(np.diag([0.04, 0.01]), 2.5, simplex(2)), [1.0, 0.0])
+    near = views.nearest(np.array([0.19, 0.0]))  # of the views (0.2, 0) + t, less for the second
+    np.testing.assert_allclose(near, [0.195, -0.005], rtol=0, atol=1e-12)
+    for seed in range(instances(12, least=4)):
+        rng = np.random.default_rng(seed)
+        weights = rng.integers(0, 3, N) + np.eye(N)[0]
+        weights /= weights.sum()
+        groups = rng.integers(0, 2, (3, N)).astype(float) + np.eye(3, N)
+        region = simplex(N) & Polyhedron(A_ub=groups, b_ub=groups @ weights)
+        risk = risk_of(rng)
+        problem, lifted = AlphaProblem(risk, GAMMA, region), Lifted(risk.dense(), region, np.eye(N), weights, 0.0)
+        views = implied_views(problem, weights)
+        for apart in rng.integers(-1, 2, (4, N)).astype(float):
+            asked = 2.0 * GAMMA * risk.times(weights) + apart
+            assert views.distance(asked) == pytest.approx(lifted.distance(asked), rel=1e-6, abs=1e-6)
+            assert views.contains(views.nearest(asked))
 
 
 def test_an_end_along_a_ray_is_infinite_in_every_unit(fresh_rng: np.random.Generator) -> None:

@@ -201,11 +201,14 @@ def _levels(apart: Array, rows: Array, n_free: int, low: np.ndarray, high: np.nd
                 rows[:, matters].T, apart[matters], (least, np.inf), method="bvls", tol=tolerances.STATIONARITY
             ).x
         step, size, now = goal - levels, 1.0, float(left @ left)
+        slope = 2.0 * float(left @ (rows.T @ step))
         while size > tolerances.FEASIBILITY:
             after = _cut(apart - rows.T @ (levels + size * step), low, high)
-            if float(after @ after) <= now:
+            if float(after @ after) <= now - tolerances.LEAST_FALL * size * slope:
                 break
             size *= 0.5
+        else:  # what is left is rounding
+            return levels
         levels = levels + size * step
         same = np.array_equal(matters, ~(low | high) | (after != 0.0))
         left = after

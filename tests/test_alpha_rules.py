@@ -20,6 +20,7 @@ from scipy.optimize import brentq, minimize_scalar
 from inscrutable import (
     AlphaDecisionMaker,
     AlphaProblem,
+    AlphaSequence,
     AlphaStatus,
     Budget,
     FactorRisk,
@@ -1005,6 +1006,40 @@ def test_a_sequence_goes_on_where_it_was_saved(tmp_path: object) -> None:
     other.close()
     with pytest.raises(InputError, match="is of another rule"):
         AlphaDecisionMaker(problem_of(np.eye(3)), 0.5, world=world).begin().load(path)
+
+
+def test_a_sequence_goes_on_with_the_labels_that_it_began_with(tmp_path: object) -> None:
+    """Assets that are alike in all numbers were taken by their places, whatever their names."""
+    path, mean = f"{tmp_path}/state", pd.Series([0.02, 0.0, -0.02], ["A", "B", "C"])
+
+    def begun(assets: str | None, signals: str | None = None) -> AlphaSequence:
+        names, others = (None if each is None else list(each) for each in (assets, signals or assets))
+        risk = pd.DataFrame(0.0025 * np.eye(3) + 0.001, names, names)
+        world = LinearGaussianWorld(
+            pd.DataFrame(0.9 * np.eye(3), others, others), 1e-5 * np.eye(3), np.eye(3), np.zeros((3, 3))
+        )
+        loads = None if signals is None else pd.DataFrame(np.eye(3), names, others)
+        problem = AlphaProblem(risk, 5.0, loadings=loads, trading_cost=5.0)
+        return AlphaDecisionMaker(problem, Budget.regret(1e-4), world=world).begin()
+
+    sequence = begun("ABC")
+    sequence.publish(sequence.decide(mean, rng=np.random.default_rng(0)))
+    sequence.save(path)
+    sequence.close()
+    for other in ("CAB", "XYZ"):
+        with pytest.raises(InputError, match=f"it has the assets A, B, C, not {', '.join(other)}"):
+            begun(other).load(path)
+    for same in (begun("ABC").load(path), begun(None).load(path)):
+        assert sequence.latest is not None
+        np.testing.assert_array_equal(same.latest, sequence.latest)
+        same.save(path)  # at last without labels, as older files
+        same.close()
+    begun("CAB").load(path).close()
+    sequence = begun("ABC", "pqr")
+    sequence.save(path)
+    sequence.close()
+    with pytest.raises(InputError, match="it has the signals p, q, r, not r, q, p"):
+        begun("ABC", "rqp").load(path)
 
 
 @pytest.mark.parametrize("changed", ["unit of what is public", "risk and loadings"])

@@ -13,7 +13,7 @@ from inscrutable.alphas.error_law import ErrorLaw, after_sensor, root_of
 from inscrutable.alphas.observed import Moves
 from inscrutable.alphas.plans import AlphaStatus, Plan
 from inscrutable.alphas.problem import AlphaProblem
-from inscrutable.alphas.sequence_state import AlphaState, arrays_of
+from inscrutable.alphas.sequence_state import AlphaState, arrays_of, labels_of
 from inscrutable.alphas.trading import TradingPolicy
 from inscrutable.axes import Axis
 from inscrutable.decision_makers.sequential.lock import KeptInFile
@@ -334,16 +334,17 @@ class AlphaSequence(KeptInFile):
         self._locked(path)
         AlphaState(
             self._signature(), self.mean, self._kept(), self._published, self.n_published, self.n_steps,
-            self.total_regret, self.total_bits, self.latest, self.periods, self._has_read,
+            self.total_regret, self.total_bits, self.latest, self.periods, self._has_read, *labels_of(self._problem),
         ).save(path)  # fmt: skip
 
     def load(self, path: PathLike) -> Self:
         """Resume the sequence saved at `path`, and lock the file until `close`.
 
         Raises:
-            InputError: The file is missing, damaged or of another rule, or another process uses it; nothing changes.
+            InputError: The file is missing, damaged, of another rule or of other labels, or another process uses it; nothing
+                changes.
         """
-        found = self._read(path, lambda: AlphaState.load(path).checked(self._signature(), path))
+        found = self._read(path, lambda: AlphaState.load(path).checked(self._signature(), self._problem, path))
         self.mean, self.latest, self._published = np.array(found.mean), found.latest, found.is_published
         self.n_published, self.n_steps = found.n_published, found.n_steps
         self.total_regret, self.total_bits, self.periods = found.regret, found.bits, found.periods

@@ -34,6 +34,8 @@ class AlphaState(Saved):
         latest: The last decision, (n,), or None.
         periods: Dates of the decisions, such as "2024-03-31", ascending; without those that had none.
         has_read: Whether the first step's public observation is read.
+        assets: Their labels, in the order of `latest`; None where there are none, and in older files.
+        signals: Labels of the mean's entries, likewise.
         version: Version of the file.
     """
 
@@ -48,6 +50,8 @@ class AlphaState(Saved):
     latest: Array | None = None
     periods: tuple[str, ...] = ()
     has_read: bool = False
+    assets: tuple[str, ...] | None = None
+    signals: tuple[str, ...] | None = None
     version: int = VERSION
 
     def __post_init__(self) -> None:
@@ -63,8 +67,14 @@ class AlphaState(Saved):
         if any(after <= before for before, after in pairwise(days)):
             raise InputError("its periods are not ascending")
 
-    def checked(self, rule: tuple[Array, ...], path: PathLike) -> AlphaState:
-        """Return this state, or raise `InputError` where `rule` differs from the file's."""
+    def checked(self, rule: tuple[Array, ...], problem: AlphaProblem, path: PathLike) -> AlphaState:
+        """Return this state, or raise `InputError` where `rule` or the labels of `problem` differ from the file's."""
+        held = self.assets, self.signals
+        for here, there, what in zip(labels_of(problem), held, ("assets", "signals"), strict=True):
+            if here is not None and there is not None and here != there:
+                raise InputError(
+                    f"{path} cannot be continued: it has the {what} {', '.join(there)}, not {', '.join(here)}"
+                )
         same = len(rule) == len(self.rule) and all(map(_agree, rule, map(_without_bits, rule, self.rule)))
         if not same:
             raise InputError(
@@ -73,6 +83,14 @@ class AlphaState(Saved):
                 "them: keep the one that the sequence began with"
             )
         return self
+
+
+def labels_of(problem: AlphaProblem) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
+    """Return the labels of a problem's assets and signals, as a file keeps them; None where there are none."""
+    assets, signals = (
+        None if names is None else tuple(map(str, names)) for names in (problem.asset_names, problem.signal_names)
+    )
+    return assets, signals
 
 
 def arrays_of(problem: AlphaProblem) -> tuple[Array, ...]:

@@ -153,6 +153,17 @@ def test_a_month_of_signals(capsys: pytest.CaptureFixture[str], folder: Path) ->
     assert found["decisions"]["2020-01-31"] == pytest.approx(dict(zip(NAMES, drawn.action.tolist(), strict=True)))
 
 
+def test_a_budget_of_more_than_silence_is_remarked_on(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    """A share is one of the silence regret, however it is written: 5 may mean 5 per cent."""
+    law = ("--prior-covariance", folder / "S.csv")
+    for written in ("5", "500%", "silence:5"):
+        code, _, err = run(capsys, folder, *law, "--budget", written)
+        assert code == 0, err
+        assert f"--budget {written}: a budget of 500% of the silence regret is more than a constant decision" in err
+        assert "5 per cent are written silence:5%" in err
+    assert "more than" not in run(capsys, folder, *law, "--budget", "5%")[2]
+
+
 def test_months_that_are_remembered(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     options = ["--world", folder / "W.json", "--state", folder / "state"]
     for count in (1, 2):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from contextlib import nullcontext
 from dataclasses import replace
@@ -14,6 +15,7 @@ from scipy.stats import multivariate_normal
 
 from inscrutable.adversaries import consistent_beliefs
 from inscrutable.budgets import Budget
+from inscrutable.cli import main
 from inscrutable.datasets import read_weights
 from inscrutable.decision_makers import CounterAdversarialDecisionMaker, DecisionStatus
 from inscrutable.decision_makers.hiding import HidingDecisionMaker
@@ -37,6 +39,24 @@ from test_attack import market, published
 
 MODEL = market(20, 5)
 BELIEFS = np.array([[0.2, 0.3, 0.5], [0.7, 0.2, 0.1]])
+
+
+def test_an_unusual_budget_of_a_model_file_is_a_caution(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """5, meant as 5 per cent, published weights that cost four times the optimum."""
+    regimes = """
+[regimes]
+names = ["calm", "crisis"]
+transition = [[0.95, 0.05], [0.2, 0.8]]
+assets = ["Oil", "Food"]
+means = [[0.008, 0.007], [-0.02, 0.002]]
+covariances = [[[0.002, 0.0004], [0.0004, 0.001]], [[0.008, 0.002], [0.002, 0.003]]]
+"""
+    for written, option, said in (("5", None, True), ("0.05", None, False), ("0.05", "5", True), ("5", "0.05", False)):
+        (tmp_path / "model.toml").write_text(f"[investor]\nbudget = {written}\n{regimes}")
+        asked = ["protect", "--model", str(tmp_path / "model.toml"), "--belief", "0.7,0.3", "--json"]
+        assert main([*asked, *([] if option is None else ["--budget", option])]) == 0
+        cautions = json.loads(capsys.readouterr().out)["cautions"]
+        assert any("a budget of 5 of |c*| is more than the optimal cost" in each for each in cautions) == said
 
 
 def test_budget_privacy_and_conclusion() -> None:

@@ -447,7 +447,7 @@ def protect(
     before = None if previous is None else one_row(weights_of(previous, investor, normalise, map_), previous)
     investor = investor.after(before)
     held: Any = single if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
-    cautions = [*remarks_of(asked), *([] if planned is None else planned.cautions())]
+    cautions = [*remarks_of(asked or investor.budget), *([] if planned is None else planned.cautions())]
     if means.returns is not None:
         held, _, few = belief_after(means.returns, investor, speech)
         cautions += few

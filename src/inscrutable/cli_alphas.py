@@ -97,7 +97,7 @@ class AlphaOptions:
         if self.risk_aversion is None:
             raise UsageError("--alphas needs --risk-aversion, such as 5")
 
-    def maker(self, budget: str | None) -> AlphaDecisionMaker:
+    def maker(self, budget: str | None, speech: Speech) -> AlphaDecisionMaker:
         """Return the rule of these files and numbers."""
         from inscrutable.alphas import AlphaDecisionMaker, AlphaProblem, FactorRisk
         from inscrutable.datasets import read_labelled_matrix
@@ -123,19 +123,22 @@ class AlphaOptions:
         assert self.risk_aversion is not None
         return AlphaDecisionMaker(
             AlphaProblem(risk, self.risk_aversion, region, loads, trading_cost=self.trading_cost),
-            _budget(budget),
+            _budget(budget, speech),
             prior_covariance=prior,
             world=None if self.world is None else read_linear_world(self.world),
             objective=self.objective,
         )
 
 
-def _budget(given: str | None) -> Budget:
-    """Return the regret per step; a share refers to the silence regret."""
-    from inscrutable.budgets import Budget
+def _budget(given: str | None, speech: Speech) -> Budget:
+    """Return the regret per step; a share refers to the silence regret, and one of more than that gives a warning."""
+    from inscrutable.budgets import Budget, SilenceShare
 
     asked = budget_of(_BUDGET if given is None else given)
-    return asked if isinstance(asked, Budget) else Budget(asked.share)
+    meant = SilenceShare(asked.amount) if isinstance(asked, Budget) and asked.is_relative else asked
+    if meant.remark:
+        speech.log(f"--budget {given}: {meant.remark}")
+    return meant if isinstance(meant, Budget) else Budget(meant.share)
 
 
 def protect_means(
@@ -153,7 +156,7 @@ def protect_means(
     assert options.alphas is not None
     speech.log(LAW_IS_PUBLIC)
     read = None if options.public is None else read_signals(options.public)
-    means, maker = read_signals(options.alphas), within_limits(options.maker(budget))
+    means, maker = read_signals(options.alphas), within_limits(options.maker(budget, speech))
     found = protect_alphas(maker, means, state, public=read, publish=publish, rng=rng)
     if speech.json:
         speech.summary(found.figures())
@@ -238,7 +241,7 @@ def backtest_means(
     found = run_alpha_backtest(
         table,
         None if options.alphas == _MOMENTUM else read_signals(options.alphas),
-        AlphaSettings(budget=_budget(budget), objective=options.objective or "information", **chosen),
+        AlphaSettings(budget=_budget(budget, speech), objective=options.objective or "information", **chosen),
         riskless=riskless,
         prior_covariance=None if options.prior_covariance is None else covariance_of(options.prior_covariance),
         world=None if options.world is None else read_linear_world(options.world),

@@ -186,6 +186,18 @@ def test_weights_that_look_rounded_are_remarked_on(folder: Path, capsys: pytest.
         assert remarks() == []
 
 
+def test_fractions_over_a_cap_are_no_percentages(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where nothing fixes the sum, hundredths of any weights are within a cap."""
+    for size, said in ((1.0, False), (100.0, True)):
+        (pd.read_csv(folder / "weights.csv", index_col=0) * size).to_csv(folder / "sized.csv")
+        assert main(asked(folder, "--risk-aversion", "2", "--cap", "0.6", weights="sized.csv")) == (3 if said else 0)
+        assert ("these are percentages" in capsys.readouterr().err) == said
+        assert main(asked(folder, "--risk-aversion", "2", "--cap", "0.4", weights="sized.csv")) == 3
+        err = capsys.readouterr().err
+        assert "<= 0.4" in err
+        assert "these are percentages" not in err
+
+
 def test_percentages_are_remarked_on(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pd.DataFrame([[50, 30, 20.0], [0.6, 0.4, 0.0]], ["May", "June"], ASSETS).to_csv(folder / "weights.csv")
     assert main(asked(folder, "--risk-aversion", "2")) == 0

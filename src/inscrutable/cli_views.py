@@ -174,13 +174,13 @@ def _check(problem: AlphaProblem, row: pd.Series, digits: int | None) -> None:
 def _advice(problem: AlphaProblem, row: pd.Series) -> str:
     """A clause for weights that may not be held as they are, but rounded, or as percentages."""
     from inscrutable.errors import InputError
-    from inscrutable.reports.views import decimals_of
+    from inscrutable.reports.views import LARGEST_BOOK, decimals_of
 
     digits = decimals_of(row.to_numpy())
-    for weights, rounded, said in (
-        (row, digits, f"; rounded weights need --digits, here --digits {digits}"),
-        (row / 100.0, digits + 2, "; these are percentages: divide them by 100"),
-    ):
+    cases = [(row, digits, f"; rounded weights need --digits, here --digits {digits}")]
+    if row.abs().sum() > LARGEST_BOOK:
+        cases.append((row / 100.0, digits + 2, "; these are percentages: divide them by 100"))
+    for weights, rounded, said in cases:
         try:
             _check(problem, weights, rounded)
         except InputError:

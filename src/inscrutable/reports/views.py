@@ -19,7 +19,7 @@ from inscrutable.validation import Array
 
 _MOST_ASSETS = 30
 _HEIGHT_OF_ASSET = 0.22
-_LARGEST_BOOK = 20.0
+LARGEST_BOOK = 20.0
 """Largest sum of absolute weights; larger sums are probably percentages or money."""
 
 
@@ -60,7 +60,7 @@ def views_remarks(read: Mapping[Any, ImpliedViews]) -> list[str]:
             f"views explain them too: --digits {written}."
         )
     sizes = {label_text(label): float(np.abs(views.weights).sum()) for label, views in read.items()}
-    if not sizes or max(sizes.values()) <= _LARGEST_BOOK:
+    if not sizes or max(sizes.values()) <= LARGEST_BOOK:
         return remarks
     label = max(sizes, key=lambda each: sizes[each])
     return [

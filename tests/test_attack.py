@@ -280,6 +280,10 @@ def test_rows_over_a_limit_on_turnover_are_refused_and_named_and_each_row_limits
         attack_weights(model, far, previous=rows[0])
     with pytest.raises(InputError, match="weights must be in the order of time"):
         attack_weights(model, frame[::-1], previous=rows[0])
+    with pytest.raises(
+        InputError, match=r"leave out the limit \(--turnover, or the key turnover of the model's file\)"
+    ):
+        attack_weights(model, frame, decimals=2, previous=rows[0])
     few = attack_weights(model, frame.drop(months[1]) * 0 + 0.25, previous=rows[0])
     assert "their dates do not" in few.cautions()[0]
 

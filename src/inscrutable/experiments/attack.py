@@ -212,7 +212,8 @@ def attack_weights(
     if model.turnover is not None and digits is not None:
         raise InputError(
             f"the model limits turnover against the weights before, and these are rounded to {decimal_places(digits)}: a limit "
-            "is read from weights in full precision alone; give these, or take the key turnover out of the model's file"
+            "is read from weights in full precision alone; give these, or leave out the limit (--turnover, or the key "
+            "turnover of the model's file)"
         )
     half = half_unit(FULL_PRECISION_DIGITS if digits is None else digits)
     missed = [

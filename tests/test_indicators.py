@@ -302,6 +302,28 @@ def assert_no_random_decoy_costs_less(rng, n_states):
             assert consistent_beliefs(problem, found.action).distance(belief) >= 0.01
 
 
+def test_rounding_of_an_optimal_decision_hides_nothing():
+    """Two equal assets: many decisions are optimal, and no belief explains some that differ from them by rounding."""
+    hessians = np.array([
+        [[0.28, 0.2, -0.04], [0.2, 0.31, 0.07], [-0.04, 0.07, 0.25]],
+        [[0.08, 0.05, -0.03], [0.05, 0.25, -0.02], [-0.03, -0.02, 0.15]],
+        [[0.33, -0.21, 0.35], [-0.21, 0.29, -0.21], [0.35, -0.21, 0.61]],
+    ])  # fmt: skip
+    linear = np.array([[-0.16, 0.18, -0.06], [-0.2, 0.17, 0.16], [0.28, -0.15, -0.19]])
+    same, belief, regrets = [0, 1, 2, 0], np.array([0.17, 0.53, 0.3]), []
+    hessians, linear = hessians[:, same][:, :, same], linear[:, same]
+    for unit in (1.0, 1e4):
+        problem = QuadraticProblem(unit * hessians, unit * linear, constraints=box(-np.ones(4), np.ones(4)))
+        grid = decoy_grid(problem, 12)
+        found = CounterAdversarialDecisionMaker(
+            problem, NonExistence(0.3), Budget.regret(0.11 * unit), candidates=grid
+        ).decide(belief)
+        assert 0.3 <= found.belief_set.distance(belief) < np.inf
+        regrets.append(found.regret / unit)
+    assert regrets[0] > 1e-3
+    assert regrets[0] == pytest.approx(regrets[1], rel=1e-4)
+
+
 @pytest.mark.parametrize("measure", [NonExistence(0.1), Infeasibility()], ids=repr)
 def test_choices_that_no_belief_explains_meet_the_goal(measure):
     """By enumeration: a choice is best in each state, and the last one costs more than their least, whatever the belief."""

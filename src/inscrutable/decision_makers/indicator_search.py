@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-import daqp
 import numpy as np
 
 from inscrutable import tolerances
@@ -25,11 +24,13 @@ from inscrutable.decision_makers.results import (
     counted,
 )
 from inscrutable.decision_makers.search.partition import face_programme
+from inscrutable.errors import ModelError, SolverError
 from inscrutable.geometry.hulls import LARGER
 from inscrutable.kernels.threads import in_chunks
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.privacy import MaximalObfuscation
 from inscrutable.problems import DecisionProblem, LinearForm, quadratic_problem
+from inscrutable.problems.quadratic_programme import Layout, solve_programmes
 from inscrutable.validation import Array
 
 _CHUNK = 256
@@ -292,14 +293,10 @@ def shortened_on_its_face(problem: DecisionProblem, belief: Array, action: Array
     if not size:
         return None
     cost = np.tensordot(belief, face.curves, axes=1)
-    slacks = np.ascontiguousarray(face.rows[face.n_set_rows :, 0])
-    place, _, flag, _ = daqp.solve(
-        np.ascontiguousarray(cost[:size, :size]),
-        np.ascontiguousarray(cost[:size, size]),
-        np.ascontiguousarray(-slacks[:, :size]),
-        slacks[:, size].copy(),
-        np.full(len(slacks), -np.inf),
-        np.zeros(len(slacks), dtype=np.int32),
-        primal_tol=tolerances.LINEAR_PROGRAMME,
-    )
-    return np.asarray(form.decisions(face.action(place))) if flag >= 1 else None
+    slacks, free, no_rows = face.rows[face.n_set_rows :, 0], np.full(size, np.inf), np.empty((0, size))
+    layout = Layout(-free, free, -slacks[:, :size], slacks[:, size], no_rows, np.empty(0))
+    try:
+        place = solve_programmes(cost[None, :size, :size], cost[None, :size, size], layout)[0]
+    except (ModelError, SolverError):
+        return None
+    return np.asarray(form.decisions(face.action(place)))

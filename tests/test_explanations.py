@@ -189,6 +189,19 @@ def test_a_privacy_can_be_asked_for_and_its_price_falls_to_what_the_search_needs
         cheapest_privacy(problem, belief, privacy="much")
 
 
+def test_a_privacy_out_of_reach_is_named_with_the_most_found():
+    problem = MarkowitzProblem(0.2 * np.eye(2), [np.eye(2)] * 2, 1.0)
+    far = cheapest_privacy(problem, [0.5, 0.5], privacy=0.9)
+    assert far.regret == np.inf
+    assert (far.asked, far.privacy, far.most) == (0.9, 0.0, pytest.approx(np.sqrt(0.5)))
+    assert "reaches a privacy of 0.9 (the optimal one has 0; the most found is 0.7071)" in far.summary()
+    met = cheapest_privacy(problem, [0.5, 0.5], NonExistence(), privacy=0.1)
+    assert "reaches a privacy of 0.1 (the optimal one has -inf; the most found is 0)" in met.summary()
+    nothing = cheapest_privacy(corner_problem(), [0.4, 0.3, 0.3])
+    assert nothing.most == nothing.privacy
+    assert "gives more privacy than 0, at any cost" in nothing.summary()
+
+
 def test_the_cheapest_of_finite_choices_is_a_whole_number(fresh_rng: np.random.Generator) -> None:
     """By enumeration, also where the optimal choice has the privacy, and where its cost is zero."""
     assert cheapest_privacy(FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), [1.0, 0.0], privacy=0.0).share == 0.0

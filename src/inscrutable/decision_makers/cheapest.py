@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +14,7 @@ from inscrutable.decision_makers.arguments import checked_measure
 from inscrutable.decision_makers.candidate_sources import candidates_for
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.counter_adversarial import best_decisions
-from inscrutable.decision_makers.frontier import privacy_frontier
+from inscrutable.decision_makers.frontier import Frontier, privacy_frontier
 from inscrutable.decision_makers.hiding import Case
 from inscrutable.decision_makers.indicator_search import central_members, cheapest_keeping_distance
 from inscrutable.decision_makers.original import decision_for
@@ -35,6 +36,8 @@ class CheapestPrivacy(Summarised, Saved):
         share: The same as a share of |c*|.
         privacy: Ψ of the decision; of the optimal one where none was found.
         action: The decision, shape (U,) or a whole number; the optimal one where none was found.
+        asked: The least Ψ asked for.
+        most: The most Ψ found, at any cost, where none found is enough; else `privacy`.
 
     Source: the paper, eq. (8), with objective and constraint exchanged.
 
@@ -51,11 +54,18 @@ class CheapestPrivacy(Summarised, Saved):
     share: float
     privacy: float
     action: Array
+    asked: float
+    most: float
 
     def summary(self) -> str:
         """Return a sentence for a person to read."""
+        if np.isinf(self.regret) and self.most > self.privacy + tolerances.NO_PRIVACY:
+            return (
+                f"no decision found reaches a privacy of {self.asked:.4g} (the optimal one has {self.privacy:z.4g}; the most "
+                f"found is {self.most:z.4g}): change the goal or the limits"
+            )
         if np.isinf(self.regret):
-            return f"no decision found gives more privacy than {self.privacy:.4g}, at any cost: change the goal or the limits"
+            return f"no decision found gives more privacy than {self.privacy:z.4g}, at any cost: change the goal or the limits"
         return f"a privacy of {self.privacy:.4g} costs a regret of {self.regret:.4g}, {self.share:.3%} of |c*|"
 
 
@@ -95,8 +105,8 @@ def cheapest_privacy(
     Example:
         >>> from inscrutable.problems import MarkowitzProblem
         >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
-        >>> print(cheapest_privacy(problem, [0.5, 0.5], privacy=0.9).summary())
-        no decision found gives more privacy than 0, at any cost: change the goal or the limits
+        >>> print(cheapest_privacy(problem, [0.5, 0.5], privacy=0.9).summary().partition(":")[0])
+        no decision found reaches a privacy of 0.9 (the optimal one has 0; the most found is 0.7071)
     """
     held = validation.one_belief(belief, checked_problem(problem).n_states, names=problem.state_names)
     chosen = checked_measure(measure)
@@ -109,14 +119,17 @@ def cheapest_privacy(
     else:
         least = own + tolerances.NO_PRIVACY if np.isfinite(own) else -np.finfo(float).max
     if own >= least:
-        return CheapestPrivacy(0.0, 0.0, own, optimal.action)
-    best = _Search(goal, given, least).best()
+        return CheapestPrivacy(0.0, 0.0, own, optimal.action, least, own)
+    search = _Search(goal, given, least)
+    best = search.best()
     if best is None:
-        return CheapestPrivacy(float("inf"), float("inf"), own, optimal.action)
+        most = float(search.frontier.points[:, 1].max(initial=own))
+        return CheapestPrivacy(float("inf"), float("inf"), own, optimal.action, least, most)
     regret, action = best
     size = abs(goal.optimal_cost)
     reached = float(goal.judged(action[None]).privacies[0])
-    return CheapestPrivacy(regret, regret / size if size else float("inf"), reached, problem.as_actions(action))
+    share = regret / size if size else float("inf")
+    return CheapestPrivacy(regret, share, reached, problem.as_actions(action), least, reached)
 
 
 @dataclass(frozen=True)
@@ -124,6 +137,11 @@ class _Search:
     goal: Goal
     candidates: Candidates
     least: float
+
+    @cached_property
+    def frontier(self) -> Frontier:
+        """The undominated candidates."""
+        return privacy_frontier(self.goal.problem, self.goal.belief, self.goal.measure, candidates=self.candidates)
 
     def _reach(self, actions: Array) -> np.ndarray:
         """Return which decisions (n,U) are admissible and reach the privacy."""
@@ -136,8 +154,7 @@ class _Search:
 
         Rays to the first eight alone cost up to 34 % more in 3 of 40 goals over two to five states.
         """
-        problem, belief = self.goal.problem, self.goal.belief
-        frontier = privacy_frontier(problem, belief, self.goal.measure, candidates=self.candidates)
+        problem, belief, frontier = self.goal.problem, self.goal.belief, self.frontier
         known = (frontier.points[:, 1] >= self.least) & (frontier.indices < len(self.candidates.actions))
         if not known.any():
             return None

@@ -149,6 +149,15 @@ def test_desired_obfuscation_gets_nearer_to_its_target() -> None:
     assert np.array_equal(found.deterministic.action[0], direct.action)
 
 
+def test_a_privacy_of_nothing_has_no_sign() -> None:
+    """A desired belief is reached up to rounding: its privacy is minus a small distance."""
+    found = protect(MODEL, BELIEFS[:1], Budget.regret(1e-3), DesiredObfuscation(lambda belief: belief))
+    assert -1e-4 < found.deterministic.privacy[0] <= 0.0
+    shown = [*option_lines(found, 0).loc["privacy"], *row_lines(found)["privacy"]]
+    assert {"0.0000", "0.000"} <= set(shown)
+    assert "-0.000" not in " ".join([*shown, found.summary()])
+
+
 def test_other_measures_and_a_budget_of_nothing() -> None:
     nothing = protect(MODEL, BELIEFS[:1], 0.0, rng=np.random.default_rng(4))
     assert nothing.deterministic.privacy[0] == pytest.approx(0.0, abs=1e-6)

@@ -89,8 +89,8 @@ class Protection:
             bought = f" and {self.measure!r} {_how_often(self.deterministic.privacy)}"
             by_lot = f" and it {_how_often(self.lotteries.expected_privacy)}"
         else:
-            bought = f" for a privacy of {float(np.mean(self.deterministic.privacy)):.3f}"
-            by_lot = f" for {float(np.mean(self.lotteries.expected_privacy)):.3f} in expectation"
+            bought = f" for a privacy of {float(np.mean(self.deterministic.privacy)):z.3f}"
+            by_lot = f" for {float(np.mean(self.lotteries.expected_privacy)):z.3f} in expectation"
         return (
             f"{rows}the weights to publish cost a regret of {spent:.3g} bp of wealth{share}{bought}, the lottery "
             f"{max(lottery, 0.0):.3g} bp{by_lot}, against the naive observer{self._proven()}"
@@ -181,14 +181,14 @@ class Protection:
         single, lottery = (float(np.mean(found.privacy_bound)) for found in both)
         missed = any(status is DecisionStatus.BOUNDED for found in both for status in found.status)
         return (
-            f"; it is proven that within the budget no weights give more than {single:.3f} and no lottery more than "
-            f"{lottery:.3f}{f'; the gap of {self.certified:.3g} that was asked for is not reached' if missed else ''}"
+            f"; it is proven that within the budget no weights give more than {single:z.3f} and no lottery more than "
+            f"{lottery:z.3f}{f'; the gap of {self.certified:.3g} that was asked for is not reached' if missed else ''}"
         )
 
 
 def privacy_text(measure: PrivacyMeasure, privacy: float, digits: int) -> str:
     """Return a privacy as text: a number, or for an indicator whether the goal is met."""
-    return f"{privacy:.{digits}f}" if not measure.is_indicator else "met" if privacy == 0.0 else "missed"
+    return f"{privacy:z.{digits}f}" if not measure.is_indicator else "met" if privacy == 0.0 else "missed"
 
 
 def _how_often(privacies: Array) -> str:

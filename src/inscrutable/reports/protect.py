@@ -116,7 +116,7 @@ def row_lines(protection: Protection) -> pd.DataFrame:
                 "observer concludes": "" if nothing else " ".join(f"{value:.2f}" for value in seen),
                 "names": "nothing" if nothing else regimes[int(seen.argmax())],
                 "privacy": privacy_text(protection.measure, publish.privacy, 3),
-                **({} if protection.certified is None else {"at most": f"{publish.privacy_bound:.3f}"}),
+                **({} if protection.certified is None else {"at most": f"{publish.privacy_bound:z.3f}"}),
                 "regret, bp": f"{BASIS_POINTS * publish.regret:.3g}",
                 "of |c*|": f"{share:.1%}",
                 "changed by": f"{0.5 * np.abs(publish.action - protection.optimal[step]).sum():.3f}",

@@ -22,6 +22,7 @@ from inscrutable import (
     cheapest_privacy,
     consistent_beliefs,
     decoy_grid,
+    privacy_frontier,
     simplex,
     simplex_grid,
 )
@@ -389,3 +390,16 @@ def test_a_proven_lottery_tries_the_places_that_the_best_mixture_leaves_out():
     assert mixed.expected_regret <= budget.amount * (1 + 1e-9)
     costs = [problem.expected_cost(belief, action) for action in mixed.actions]
     assert mixed.expected_cost == pytest.approx(float(mixed.probabilities @ costs), abs=1e-9)
+
+
+def test_a_state_of_equal_costs_is_hidden_at_the_least_regret():
+    """The first state alone explains a mixture of all assets; the cheapest has each other asset at the least weight."""
+    problem = LinearProblem([[-1.0, -1.0, -1.0], [0.0, -1.0, 0.0], [-1.0, 1.0, 2.0]], simplex(3))
+    belief, least = np.array([0.2, 0.7, 0.1]), 1e-4 * (1.0 + 1e-4)
+    mixed = np.array([least, 1.0 - 2.0 * least, least])
+    far = consistent_beliefs(problem, mixed).distance(belief)
+    regret = 1.001 * float(problem.regret(belief, mixed))
+    assert far == pytest.approx(np.linalg.norm(belief - [1.0, 0.0, 0.0]))
+    found = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(regret)).decide(belief)
+    assert found.privacy == pytest.approx(far)
+    assert privacy_frontier(problem, belief).deterministic(regret) == pytest.approx(far)

@@ -69,27 +69,22 @@ class FaceProgrammes:
         scaled = self.costs.T / (size if size > 0 else 1.0)
         return BeliefSet(rows.equalities @ scaled, rows.inequalities @ scaled)
 
-    def inside(self, tight: np.ndarray) -> Array | None:
-        """Return a decision (U,) with exactly the rows `tight`, far from the others; None where there is none."""
-        region, slack = self.region, ~tight
-        answer = minimise(
-            np.append(np.zeros(region.n_actions), -1.0),
-            Rows(np.column_stack([self._rows[slack], np.ones(int(slack.sum()))]), self._sides[slack]),
-            Rows(
-                _padded(np.vstack([self._rows[tight], region.A_eq]), 1),
-                np.concatenate([self._sides[tight], region.b_eq]),
-            ),
-            [(None, None)] * region.n_actions + [(0.0, 1.0)],
-        )
-        return None if answer.status != OPTIMAL or answer.x[-1] <= tolerances.FEASIBILITY else answer.x[:-1]
-
     def cheapest(self, belief: Array, tight: np.ndarray) -> Array | None:
         """Return the admissible decision (U,) of least cost with exactly the rows `tight`, None where there is none."""
+        return self._lowest(belief @ self.costs, tight)
+
+    def beside(self, vertices: Array, tight: np.ndarray) -> Array:
+        """Return for each of a face's vertices (k,U) the admissible decision with exactly the rows `tight` that leaves the
+        vertex's other rows the least slack in all; shape (k,U), or (0,U) where there is none."""
+        rows = [self.tight_on(vertex[None]) & ~tight for vertex in vertices]
+        found = [self._lowest(-self._rows[near].sum(axis=0), tight) for near in rows]
+        return np.array([each for each in found if each is not None]).reshape(-1, vertices.shape[1])
+
+    def _lowest(self, gradient: Array, tight: np.ndarray) -> Array | None:
         region, slack = self.region, ~tight
         least = (
             max(region.min_slack, tolerances.SLACK_SAFETY) * (1.0 + tolerances.SLACK_SAFETY) + tolerances.FEASIBILITY
         )
-        gradient = belief @ self.costs
         size = float(np.abs(gradient).max())
         answer = minimise(
             gradient / (size if size > 0 else 1.0),

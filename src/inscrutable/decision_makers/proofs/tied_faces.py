@@ -40,8 +40,8 @@ def tied_mixtures(problem: DecisionProblem, candidates: Candidates) -> Candidate
     vertices = np.vstack([vertices, *actions])
     costs, corners = problem.without_common_costs.state_costs(vertices), _corners(problem, vertices)
     sets = [vertices[list(tied)] for tied in _tied_sets(costs, corners)]
-    for ties in [*sets, *_border_ties(problem, vertices, costs, corners)]:
-        mixed = near_vertices(problem, ties)
+    near = [near_vertices(problem, ties) for ties in sets]
+    for mixed in [*near, *_on_border_faces(problem, vertices, costs, corners)]:
         if not describable(problem, mixed[:1])[0]:
             continue
         found = belief_set_of(problem, mixed[0])
@@ -68,9 +68,9 @@ def _corners(problem: DecisionProblem, vertices: Array) -> Array:
     return np.asarray(np.unique(np.round(corners, 10), axis=0))
 
 
-def _border_ties(problem: DecisionProblem, vertices: Array, costs: Array, corners: Array) -> list[Array]:
-    """Vertices that are optimal at a corner where some state has probability 0, each time with a decision inside the face of
-    all decisions that are optimal there: some of that face may be optimal for no other belief."""
+def _on_border_faces(problem: DecisionProblem, vertices: Array, costs: Array, corners: Array) -> list[Array]:
+    """Decisions near vertices that are optimal at a corner where some state has probability 0, on the face of all decisions
+    that are optimal there: some of that face may be optimal for no other belief."""
     form = problem.linear_form()
     if form is None or problem.is_discrete:
         return []
@@ -81,10 +81,8 @@ def _border_ties(problem: DecisionProblem, vertices: Array, costs: Array, corner
         tight = faces.optimal_at(corner, known)
         if tight is None or tight.tobytes() in found or (tight == faces.tight_on(known)).all():
             continue
-        inside = faces.inside(tight)
-        if inside is not None:
-            found[tight.tobytes()] = np.vstack([vertices[tied], form.decisions(inside)])
-    return list(found.values())
+        found[tight.tobytes()] = form.decisions(faces.beside(known, tight))
+    return [near for near in found.values() if len(near)]
 
 
 def _tied(costs: Array, beliefs: Array) -> np.ndarray:

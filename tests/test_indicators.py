@@ -13,6 +13,7 @@ from inscrutable import (
     DecisionStatus,
     FiniteProblem,
     Infeasibility,
+    KellyProblem,
     MarkowitzProblem,
     NonExistence,
     NonUniqueness,
@@ -322,6 +323,20 @@ def test_rounding_of_an_optimal_decision_hides_nothing():
         regrets.append(found.regret / unit)
     assert regrets[0] > 1e-3
     assert regrets[0] == pytest.approx(regrets[1], rel=1e-4)
+
+
+def test_a_distance_is_kept_at_the_least_divergence_near_a_corner():
+    """Bets on one of three outcomes, whose probabilities are linear in the belief: the regret is a Kullback-Leibler divergence."""
+    laws = np.array([[0.9357, 0.0637, 0.0006], [0.3497, 0.2773, 0.373], [0.6478, 0.0218, 0.3304]])
+    belief, margin = np.array([0.979, 0.019, 0.002]), 0.01
+    angles = np.linspace(0.0, 2.0 * np.pi, 4001)[:, None]
+    first, second = np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0), np.array([1.0, 1.0, -2.0]) / np.sqrt(6.0)
+    decoys = belief + margin * (np.cos(angles) * first + np.sin(angles) * second)
+    own, played = belief @ laws, decoys[(decoys >= 0.0).all(axis=1)] @ laws
+    least = (own * np.log(own / played)).sum(axis=1).min()
+    problem = KellyProblem(np.tile(np.eye(3), (3, 1, 1)), laws)
+    found = CounterAdversarialDecisionMaker(problem, NonExistence(margin), Budget.regret(0.1)).decide(belief)
+    assert 0.999 * least <= found.regret <= 1.02 * least
 
 
 @pytest.mark.parametrize("measure", [NonExistence(0.1), Infeasibility()], ids=repr)

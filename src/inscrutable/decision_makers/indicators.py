@@ -255,10 +255,18 @@ def _cheapest_direction(goal: Indicator, block: Block, members: Array, radius: f
 
 
 def _spread_directions(members: Array, belief: Array, radius: float) -> Array:
-    """Return unit vectors from a belief toward members farther than a radius, `_DIRECTIONS` at most, evenly spread."""
-    away = members - belief
-    length = np.linalg.norm(away, axis=1)
-    far = np.flatnonzero(length > radius)
-    if far.size > _DIRECTIONS:
-        far = far[np.linspace(0, far.size - 1, _DIRECTIONS).astype(np.int64)]
-    return np.asarray(away[far] / length[far, None])
+    """Return unit vectors (n,X) from a belief to points of the simplex at a radius, evenly spread: `_DIRECTIONS` at most of
+    those toward members, and of those in which members lie from the centre.
+
+    From a belief near a corner members lie in few directions: without the second ones, four of 162 goals under beliefs drawn for
+    growth and other costs were met at 1.05 to 5.9 times the least regret.
+    """
+    found = []
+    for origin in (belief, np.full(len(belief), 1.0 / len(belief))):
+        away = members - origin
+        length = np.linalg.norm(away, axis=1)
+        units = away[length > tolerances.SAME_BELIEF] / length[length > tolerances.SAME_BELIEF, None]
+        units = units[(belief + radius * units >= 0.0).all(axis=1)]
+        chosen = np.linspace(0, len(units) - 1, min(len(units), _DIRECTIONS)).astype(np.int64)
+        found.append(units[chosen])
+    return np.concatenate(found)

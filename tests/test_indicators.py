@@ -326,7 +326,7 @@ def test_rounding_of_an_optimal_decision_hides_nothing():
 
 
 def test_a_distance_is_kept_at_the_least_divergence_near_a_corner():
-    """Bets on one of three outcomes, whose probabilities are linear in the belief: the regret is a Kullback-Leibler divergence."""
+    """Bets on three outcomes, whose probabilities are linear in the belief: a regret is a Kullback-Leibler divergence."""
     laws = np.array([[0.9357, 0.0637, 0.0006], [0.3497, 0.2773, 0.373], [0.6478, 0.0218, 0.3304]])
     belief, margin = np.array([0.979, 0.019, 0.002]), 0.01
     angles = np.linspace(0.0, 2.0 * np.pi, 4001)[:, None]

@@ -258,8 +258,8 @@ def _spread_directions(members: Array, belief: Array, radius: float) -> Array:
     """Return unit vectors (n,X) from a belief to points of the simplex at a radius, evenly spread: `_DIRECTIONS` at most of
     those toward members, and of those in which members lie from the centre.
 
-    From a belief near a corner members lie in few directions: without the second ones, four of 162 goals under beliefs drawn for
-    growth and other costs were met at 1.05 to 5.9 times the least regret.
+    Seen from a belief near a corner, members lie in few directions. Without the second ones, four of 162 goals under growth and
+    other costs were met at 1.05 to 5.9 times the least regret.
     """
     found = []
     for origin in (belief, np.full(len(belief), 1.0 / len(belief))):

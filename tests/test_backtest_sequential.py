@@ -178,8 +178,9 @@ def test_what_is_said_of_it(found: Backtest, tmp_path: Path) -> None:
     assert found.sequential.maker.limit == pytest.approx(0.5 * silence)
     assert f"and {1e4 * silence:.2f} in the long run of the fitted regimes (the silence regret" in notes_of(found)[-1]
     assert (
-        f"and {figures['error_ceiling']:.2f}, in the long run of the fitted regimes. There the error without weights is "
-        f"{found.sequential.maker.chain.prior.error:.2f}; in these months it is {figures['error_without']:.2f}" in said
+        f"and {figures['error_ceiling']:.2f} there. The error without weights is "
+        f"{found.sequential.maker.chain.prior.error:.2f} there; in these months it is {figures['error_without']:.2f}"
+        in said
     )
     assert "on a grid of" in text_of(found)
     written = {path.name for path in write_backtest(found, tmp_path)}
@@ -188,6 +189,26 @@ def test_what_is_said_of_it(found: Backtest, tmp_path: Path) -> None:
     held = json.loads((tmp_path / "summary.json").read_text("utf-8"))["sequential"]
     assert held["mean_regret_allowed"] == found.sequential.maker.limit
     assert len(held["other_draws"]) == 2
+
+
+def test_a_ceiling_is_that_of_the_regret_beside_it(found: Backtest) -> None:
+    """The regret is that over the long-run law of the belief, as the ceiling is; the realised one may be far from it."""
+    assert found.sequential is not None
+    assert found.aware is not None
+    table, prior = table_of(found), found.aware.prior
+    (spent,) = (label for label in table.index if label.startswith("  regret in the long run of the fitted regimes"))
+    (most,) = (label for label in table.index if label.startswith("  ceiling"))
+    maker = CounterAdversarialDecisionMaker(
+        found.problem, found.settings.measure, found.budget, candidates=found.candidates
+    )
+    assert 1e-4 * table.loc[spent, "CDM"] == pytest.approx(prior.weights @ maker.decide_many(prior.beliefs).regret)
+    assert 1e-4 * table.loc[spent, "SDM"] == pytest.approx(found.sequential.maker.calibration.regret)
+    assert table.loc[spent, "ODM"] == pytest.approx(0.0, abs=1e-9)
+    for name in found.names[1:]:
+        assert table.loc[most, name] == pytest.approx(found.sequential.ceiling(1e-4 * table.loc[spent, name]))
+    points = [f"{float(f'{each:.2g}'):g}" for each in table.loc[spent, "CDM":]]
+    told = f"long run of the fitted regimes ({points[0]}, {points[1]} and {points[2]} basis points a month), no rule"
+    assert told in "\n".join(limits(found))
 
 
 WAGER = np.array([[-1.0, 2.0, 0.0], [2.0, -1.0, 0.0]])  # on one of the two regimes at two to one, or none

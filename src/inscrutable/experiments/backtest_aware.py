@@ -51,8 +51,9 @@ class AwareReading:
         followed: Posterior means given all decisions so far, shape (T,X), by decision maker.
         bits: Leakage of each decision beyond those before, I(π_t; u_t | u_0..u_{t−1}) under the rival's law, shape (T,).
         beside_public: The same as `followed` with public observations; empty where there are none.
-        ceilings: Root mean square error that no rule of a decision maker's long-run regret leaves the aware observer over time,
-            in the long run of the fitted world; NaN where it was not computed.
+        regrets: Expected regret in the long run of the fitted world, by decision maker.
+        ceilings: Root mean square error that no rule of such a regret leaves the aware observer over time, in the long run of
+            the fitted world; without those for which it was not computed.
         disclosed: As `followed`, under the settings' disclosure; empty where it shows everything.
 
     Source: Kerckhoffs' principle with Bayes' rule.
@@ -63,6 +64,7 @@ class AwareReading:
     leakages: Mapping[str, Leakage]
     followed: Mapping[str, Array]
     bits: Mapping[str, Array]
+    regrets: Mapping[str, float]
     ceilings: Mapping[str, float]
     disclosed: Mapping[str, Array] = field(default_factory=dict)
     beside_public: Mapping[str, Array] = field(default_factory=dict)
@@ -145,7 +147,8 @@ def read_knowingly(
         if public is not None:
             rival = SequentialAdversary(reading, known)
             told[name] = rival.filter(actions, public=public.read, nearest=N_NEAREST).mean
-    return AwareReading(prior, estimates, leakages, followed, bits, {}, disclosed, told)
+    regrets = {name: each.expected_regret for name, each in leakages.items()}
+    return AwareReading(prior, estimates, leakages, followed, bits, regrets, {}, disclosed, told)
 
 
 def _bits(laws: Array, played: Mechanism) -> Array:

@@ -373,7 +373,15 @@ def _aware_figures(result: Backtest, name: str) -> dict[str, float]:
         "error_followed": followed.error,
     }
     worths = ("worth_secret", "worth_followed", "worth_copied")
-    keys = ("error_without", "bits_aware", "bits_prior", "bits_followed", "error_ceiling", *worths)
+    keys = (
+        "error_without",
+        "bits_aware",
+        "bits_prior",
+        "bits_followed",
+        "mean_regret_long_run",
+        "error_ceiling",
+        *worths,
+    )
     if aware is None:
         return found | dict.fromkeys(keys, unknown)
     told = aware.leakages.get(name)
@@ -382,6 +390,7 @@ def _aware_figures(result: Backtest, name: str) -> dict[str, float]:
         "bits_aware": unknown if told is None else told.mutual_information,
         "bits_prior": aware.prior.entropy,
         "bits_followed": float(aware.bits[name].mean()),
+        "mean_regret_long_run": aware.regrets[name],
         "error_ceiling": aware.ceilings.get(name, unknown),
         **_worths(result, name, aware.prior.mean),
     }

@@ -1,4 +1,4 @@
-"""The sequential rule in a backtest: its decisions by row, and a bound for every rule of the same regret."""
+"""The sequential rule in a backtest: its decisions by row, and a bound for every rule of the same regret in the long run."""
 
 from __future__ import annotations
 
@@ -85,8 +85,7 @@ class SequentialPart:
 
     def joined(self, aware: AwareReading, name: str) -> AwareReading:
         """Return the aware observers' reading with this rule added under its name, and with the ceilings."""
-        regrets = {each: told.expected_regret for each, told in aware.leakages.items()}
-        regrets[name] = self.maker.calibration.regret
+        regrets = {**aware.regrets, name: self.maker.calibration.regret}
         least = tolerances.NO_COST * self.silence_regret
         return replace(
             aware,
@@ -95,6 +94,7 @@ class SequentialPart:
             beside_public=aware.beside_public
             if self.beside_public is None
             else {**aware.beside_public, name: self.beside_public},
+            regrets=regrets,
             ceilings={each: self.ceiling(regret) for each, regret in regrets.items() if regret > least},
         )
 

@@ -146,7 +146,8 @@ def _rows(result: Backtest) -> list[_Row]:
             ".1f",
         ),
         _Row("error_followed", "  error of its estimate from all so far, r.m.s.", style=".3f"),
-        _Row("error_ceiling", "  ceiling: largest such error of any rule of that regret", style=".3f"),
+        _Row("mean_regret_long_run", "  regret in the long run of the fitted regimes, mean, bp", _BASIS_POINTS),
+        _Row("error_ceiling", "  ceiling: largest such error there of any rule of that regret", style=".3f"),
         _Row("bits_followed", "  leakage of one more decision, bits"),
         *_disclosed_rows(result),
         *_worth_rows(result),
@@ -356,8 +357,8 @@ def _sequential_notes(result: Backtest) -> list[str]:
     most = part.maker.limit * _BASIS_POINTS
     share = "" if result.settings.budget is not None else f", {SHARE_OF_SILENCE:.0%} of the silence regret"
     ceiling = [
-        "Ceiling: no rule of the same regret leaves an observer who follows it a larger error, in expectation in the long run "
-        f"of the fitted regimes, on that grid and {len(part.maker.table.columns)} candidate portfolios."
+        "Ceiling: no rule of the same mean regret in the long run of the fitted regimes leaves an observer who follows it a "
+        f"larger error, in expectation there, on that grid and {len(part.maker.table.columns)} candidate portfolios."
     ]
     return [
         "SDM, the sequential rule, depends on the aware observer's law of the belief, and so on all decisions before: rows on "

@@ -339,18 +339,21 @@ def _beyond_public(result: Backtest) -> list[str]:
 
 
 def _ceilings(result: Backtest) -> list[str]:
-    """Return a line on the largest error of any rule of the same regret; none if it is not known."""
-    known = {name: result.figures[name]["error_ceiling"] for name in result.names[1:]}
-    known = {name: each for name, each in known.items() if np.isfinite(each)}
+    """Return a line on the largest error of any rule of the same regret in the long run; none if it is not known."""
+    known = {name: result.figures[name] for name in result.names[1:]}
+    known = {name: each for name, each in known.items() if np.isfinite(each["error_ceiling"])}
     if not known or result.sequential is None:
         return []
     without, here = result.sequential.maker.chain.prior.error, result.figures[result.names[0]]["error_without"]
     where = "nearer to" if here < without else "farther from"
-    most = listed([f"{each:.2f}" for each in known.values()])
+    names = listed(list(known))
+    most = listed([f"{each['error_ceiling']:.2f}" for each in known.values()])
+    spent = listed([_basis_points(each["mean_regret_long_run"]) for each in known.values()])
+    word = result.market.frequency.word
     return [
-        f"Ceiling: at the regret of {listed(list(known))}, no rule on the candidate portfolios leaves the aware observer an "
-        f"error above {most}, in the long run of the fitted regimes. There the error without weights is {without:.2f}; in "
-        f"these {result.market.frequency.word}s it is {here:.2f}, because their beliefs lie {where} the long-run mean."
+        f"Ceiling: at the regret of {names} in the long run of the fitted regimes ({spent} basis points a {word}), "
+        f"no rule on the candidate portfolios leaves the aware observer an error above {most} there. The error without weights "
+        f"is {without:.2f} there; in these {word}s it is {here:.2f}, because their beliefs lie {where} the long-run mean."
     ]
 
 

@@ -377,8 +377,8 @@ def _followed_figures(result: Backtest) -> list[PageFigure]:
     if result.sequential is not None:
         without = result.sequential.maker.chain.prior.error
         ceiling = (
-            " Dashed, over the later half, are the ceilings: the most that any rule of the same regret leaves in the "
-            f"long run of the fitted regimes. There the error without weights is {without:.2f}."
+            " Dashed, over the later half, are the ceilings: the most that any rule of the same regret in the long run of the "
+            f"fitted regimes leaves there. The error without weights is {without:.2f} there."
         )
     return [
         PageFigure(

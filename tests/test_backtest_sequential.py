@@ -177,6 +177,7 @@ def test_what_is_said_of_it(found: Backtest, tmp_path: Path) -> None:
     silence = silence_regret(found.problem, prior.beliefs, prior.weights)
     assert found.sequential.maker.limit == pytest.approx(0.5 * silence)
     assert f"and {1e4 * silence:.2f} in the long run of the fitted regimes (the silence regret" in notes_of(found)[-1]
+    assert f"on the SDM's grid of {len(prior)} beliefs, of which its default budget is a share)" in notes_of(found)[-1]
     assert (
         f"and {figures['error_ceiling']:.2f} there. The error without weights is "
         f"{found.sequential.maker.chain.prior.error:.2f} there; in these months it is {figures['error_without']:.2f}"

@@ -281,7 +281,8 @@ def _silence_notes(result: Backtest) -> list[str]:
         prior = part.maker.chain.prior
         most = _BASIS_POINTS * silence_regret(result.problem, prior.beliefs, prior.weights)
         costs.append(
-            f"{most:.2f} in the long run of the fitted regimes (the silence regret, of which budgets are shares)"
+            f"{most:.2f} in the long run of the fitted regimes (the silence regret on the {SEQUENTIAL}'s grid of {len(prior)} "
+            "beliefs, of which its default budget is a share)"
         )
     return [f"Silence, a constant portfolio, costs {listed(costs)}."]
 

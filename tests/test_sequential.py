@@ -322,6 +322,9 @@ def test_a_decision_never_played_is_a_status() -> None:
         assert unseen.statuses[1] == SequenceStatus.UNSEEN
         asked = adversary.filter([played, stray, listed], nearest=True)
         assert asked.statuses == (SequenceStatus.USED, SequenceStatus.NEAREST, SequenceStatus.NEAREST)
+        assert (
+            "2 steps    read as the nearest known decisions: none of the mechanism's beliefs plays" in asked.summary()
+        )
         assert "never plays it" in found.summary()
 
 

@@ -25,7 +25,10 @@ class SequenceStatus(Enum):
     """
 
     USED = "used: some belief that was still possible plays the decision"
-    NEAREST = "used as the nearest decisions that the mechanism plays"
+    NEAREST = (
+        "read as the nearest known decisions: none of the mechanism's beliefs plays exactly this one, as with a belief between "
+        "those of its grid, or a rounded decision"
+    )
     WIDENED = (
         "used with a tolerance: of the grid's beliefs none that was still possible plays it, so half of the law moves to the "
         "nearest that do; take a finer grid or particles"

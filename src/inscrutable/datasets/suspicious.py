@@ -237,7 +237,9 @@ def _copies(values: Array) -> list[tuple[int, int]]:
 
 def _copy_text(returns: pd.DataFrame, column: int, earlier: int) -> str:
     names = label_text(returns.columns[column]), label_text(returns.columns[earlier])
-    return f"{names[0]}: the same returns as {names[1]} in every row; the weights of copies are not unique"
+    return (
+        f"{names[0]}: the same returns as {names[1]} in every row; how weight is divided between the two is arbitrary"
+    )
 
 
 def _combined_columns(returns: pd.DataFrame, columns: np.ndarray) -> list[str]:

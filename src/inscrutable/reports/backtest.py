@@ -322,10 +322,10 @@ def _aware_notes(result: Backtest) -> list[str]:
     prior, word = result.aware.prior, result.market.frequency.word
     return [
         "Aware observer: knows each decision maker, budget included, and the long-run law of the belief in the fitted "
-        f"regimes (a grid of {len(prior)} beliefs, {prior.entropy:.2f} bits); it takes each decision, alone, for one of the "
-        "nearest of beliefs in the grid's cells, and estimates the posterior mean: optimal weights tell it a cell, not the "
-        "belief. Over time it remembers every decision and knows the Markov chain of the belief in the fitted regimes, with a "
-        f"probability of 1% a {word} of any other belief.",
+        f"regimes (a grid of {len(prior)} beliefs, {prior.entropy:.2f} bits); it knows the decisions of beliefs "
+        "in every cell of the grid, finds those nearest to the one it sees, and takes the posterior mean over their cells: "
+        "optimal weights tell it a cell, not the belief. Over time it remembers every decision and knows the Markov chain of "
+        f"the belief in the fitted regimes, with a probability of 1% a {word} of any other belief.",
         _worth_note(result),
     ]
 

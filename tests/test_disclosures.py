@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from itertools import pairwise, product
 from typing import Any
 
@@ -573,6 +574,27 @@ def test_the_verb_writes_a_table_and_a_picture(tmp_path: Any, capsys: pytest.Cap
         each.name for each in out.iterdir()
     }
     assert main([*asked, "--disclosures", "sometimes()"]) == 3
+
+
+@pytest.mark.parametrize(("n_late", "named"), [(5, ""), (6, "exact"), (7, "delayed(7) and exact")])
+def test_the_picture_names_the_schedules_without_a_curve(n_late: int, named: str, tmp_path: Any) -> None:
+    asked = [
+        "disclose",
+        "--market",
+        "paper",
+        "--resolution",
+        "3",
+        "--draws",
+        "10",
+        "--steps",
+        "16",
+        "--out",
+        str(tmp_path),
+    ]
+    shown = ["exact", *(f"delayed({late})" for late in range(1, n_late + 1))]
+    assert main([*asked, "--disclosures", ";".join(shown)]) == 0
+    told = re.findall("<!-- not drawn: (.*) -->", (tmp_path / "disclosures.svg").read_text("utf-8"))
+    assert told == ([named] if named else [])
 
 
 @pytest.mark.usefixtures("coarse", "undrawn")

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
 
 from inscrutable import __version__
 from inscrutable.datasets import output_folder, write_json, write_table
-from inscrutable.experiments.disclosing import DisclosureTable
+from inscrutable.experiments.disclosing import DisclosureRow, DisclosureTable
+from inscrutable.labels import listed
 from inscrutable.mechanisms import Disclosure
 from inscrutable.privacy.repeated import SIDE
 from inscrutable.reports.style import BLACK, BLUE, drawing, looks_of, save_figure
 
 _WIDTH, _HEIGHT = 7.4, 3.2
 _MOST_CURVES = 6
+_LINE = 60
 
 
 def write_disclosures(table: DisclosureTable, folder: str | os.PathLike[str], *, title: str) -> list[Path]:
@@ -47,7 +51,10 @@ def summary_data(table: DisclosureTable, title: str) -> dict[str, Any]:
 
 
 def draw_disclosures(table: DisclosureTable, folder: Path) -> list[Path]:
-    """Draw the error at every step for up to six schedules, late ones first, its mean and the bits per step for all."""
+    """Draw the error at every step for up to six schedules, late ones first, its mean and the bits per step for all.
+
+    The left panel names the schedules that are not drawn in it.
+    """
     looks = looks_of([row.disclosure for row in table.rows])
     steps, places = np.arange(table.n_steps), np.arange(len(table.rows))
     with drawing(_WIDTH, _HEIGHT, ncols=2, width_ratios=[5, 4]) as (figure, (left, right)):
@@ -59,7 +66,11 @@ def draw_disclosures(table: DisclosureTable, folder: Path) -> list[Path]:
         left.axhline(table.prior_error, label="without decisions", **dashed)
         right.axvline(table.prior_error, **dashed)
         left.xaxis.get_major_locator().set_params(integer=True)
-        left.set(xlabel="step", ylabel="error about the present belief", ylim=(0, 1.45 * table.prior_error or 1))
+        left.set(
+            xlabel=f"step{_left_out(late_first)}",
+            ylabel="error about the present belief",
+            ylim=(0, 1.45 * table.prior_error or 1),
+        )
         left.legend(ncols=2, loc="upper left")
         right.barh(
             places,
@@ -85,3 +96,9 @@ def draw_disclosures(table: DisclosureTable, folder: Path) -> list[Path]:
             xlabel="error over the second half; dashed: without decisions", xlim=(0, 1.4 * table.prior_error or 1)
         )
         return save_figure(figure, folder, "disclosures")
+
+
+def _left_out(late_first: Sequence[DisclosureRow]) -> str:
+    """Return a line on the schedules without a curve; empty where all have one."""
+    names = listed([row.disclosure for row in late_first[_MOST_CURVES:]])
+    return "\n" + fill(f"not drawn: {names}", _LINE) if names else ""

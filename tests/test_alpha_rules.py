@@ -1032,8 +1032,13 @@ def test_a_sequence_goes_on_with_the_labels_that_it_began_with(tmp_path: object)
     for same in (begun("ABC").load(path), begun(None).load(path)):
         assert sequence.latest is not None
         np.testing.assert_array_equal(same.latest, sequence.latest)
-        same.save(path)  # at last without labels, as older files
+        same.save(path)  # at last without labels of the rule's own: those of the file stay
         same.close()
+    with pytest.raises(InputError, match="it has the assets A, B, C, not C, A, B"):
+        begun("CAB").load(path)
+    sequence = begun(None)
+    sequence.save(path)  # without labels, as older files
+    sequence.close()
     begun("CAB").load(path).close()
     sequence = begun("ABC", "pqr")
     sequence.save(path)

@@ -136,6 +136,7 @@ class AlphaSequence(KeptInFile):
             first = maker.moves_into(0)
             self._law = self._plan.law if first is None else self._law_of(first.innovation)
         self._published = self._has_read = False
+        self._labels = labels_of(self._problem)
         self.latest: Array | None = None
         self.periods: tuple[str, ...] = ()  # of the published decisions, as far as the caller adds them
         self.n_published = self.n_steps = 0
@@ -334,7 +335,7 @@ class AlphaSequence(KeptInFile):
         self._locked(path)
         AlphaState(
             self._signature(), self.mean, self._kept(), self._published, self.n_published, self.n_steps,
-            self.total_regret, self.total_bits, self.latest, self.periods, self._has_read, *labels_of(self._problem),
+            self.total_regret, self.total_bits, self.latest, self.periods, self._has_read, *self._labels,
         ).save(path)  # fmt: skip
 
     def load(self, path: PathLike) -> Self:
@@ -349,6 +350,7 @@ class AlphaSequence(KeptInFile):
         self.n_published, self.n_steps = found.n_published, found.n_steps
         self.total_regret, self.total_bits, self.periods = found.regret, found.bits, found.periods
         self._has_read = found.has_read
+        self._labels = self._labels[0] or found.assets, self._labels[1] or found.signals
         is_begun = found.has_read or found.is_published or found.n_steps > 0
         if is_begun and found.before is not None and not self._is_fresh:
             self._law = self._law_of(found.before)

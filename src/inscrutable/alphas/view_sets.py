@@ -191,7 +191,7 @@ def _levels(apart: Array, rows: Array, n_free: int, low: np.ndarray, high: np.nd
     levels = np.zeros(len(rows))
     left = _cut(apart, low, high)
     for _ in range(_MOST_TURNS):
-        if not left.any():
+        if np.abs(left).max() <= tolerances.STATIONARITY * np.abs(apart).max():
             return levels
         matters = ~(low | high) | (left != 0.0)
         if len(rows) == n_free:

@@ -57,7 +57,7 @@ def compile_kernels(*, n_jobs: int = -1, progress: Callable[[int, int], None] = 
 def _quietly(calls: Callable[[], None], parent: int) -> None:
     """Suppress the log message that kernels are being compiled, and collect garbage at the end, not after each kernel.
 
-    A process of its own, which ends with its calls, never does: the millions of objects of a compiler would take 2 s.
+    A process of its own never does: to go through the millions of objects of a compiler, nearly all lasting, takes 2 s.
     """
     logger = logging.getLogger(_NOTICE)
     before, collects = logger.level, gc.isenabled()

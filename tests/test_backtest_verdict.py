@@ -209,6 +209,9 @@ def test_an_aware_observer_with_another_law_or_a_coarse_grid_judges_nothing(movi
         assert "from the naive observer (from the aware one it cannot be judged)" in verdict(poor)[0]
         assert any("cannot be judged, as its estimates are poor here" in line for line in verdict(poor))
         assert any(said in line for line in cautions(poor)) != any(said in line for line in cautions(good))
+    plain = shifted(law, {"error_face_value": 0.0, "share_regime_named": 1.0})
+    assert "market regimes from the naive observer (from the aware one it cannot be judged)" in verdict(plain)[0]
+    assert "weights do not hide" in verdict(plain)[0]
     # Weights that say nothing are hidden from everybody.
     constant = shifted(law, {}, CDM={"bits_followed": 0.0})
     assert "counter-adversarial weights hide" in verdict(constant)[0]
@@ -231,7 +234,7 @@ def test_the_worst_month_stands_beside_the_price(moving: Backtest) -> None:
     assert found.figures["CDM"]["mean_regret"] == pytest.approx(regrets.mean())
     assert sum(f"5.2 ({told}" in line for line in verdict(found)) == 1
     assert not any("worst month" in line for line in verdict(moving)[1:])
-    silent = shifted(found, {"error_face_value": float("nan")})  # without an answer
+    silent = shifted(found, {"error_followed": float("nan")})  # without an answer
     assert f"5.2 (counter-adversarial; {told}" in verdict(silent)[-1]
 
 

@@ -190,8 +190,14 @@ def test_a_belief_that_is_seldom_named_and_yet_told_is_said_to_be(found: Backtes
     shown = replace(found, beliefs=beliefs, aware=replace(found.aware, followed=followed))
     reached = estimate_quality(followed["CDM"], beliefs.to_numpy())
     figures = {"error_followed": reached.error, "share_regime_named_followed": reached.named, "error_without": 0.3}
+    figures["error_face_value"] = reached.error
     shown.__dict__["figures"] = with_figures(found, **figures, base_rate=0.9, share_regime_named=1.0).figures
     told = [each for each in cautions(shown) if "counts as hiding from the aware observer, but its estimate" in each]
     assert {each.partition(" ")[0] for each in told} == {"CDM", "PDM"}
     assert all("in 100% of the pairs" in each for each in told)
+    poor = with_figures(
+        shown, error_face_value=0.0, share_regime_named=1.0
+    )  # more than it, and of that nothing is judged
+    assert not any("counts as hiding from" in each for each in cautions(poor))
+    assert "cannot be judged, as its estimates are poor" in line_of(poor, "aware observer, who knows")
     assert not StateRanking(1, 0.7).told(found.regimes, "month")

@@ -50,21 +50,19 @@ def answer(result: Backtest) -> str:
     unsure, _ = _poor_estimates(result)
     for name in hiding:
         naive, aware = (asked.is_met(seen.reached(name, figures[name])) for seen in _SEEN.values())
-        groups.setdefault(_WHOM[naive, None if aware and name in unsure else aware], []).append(name)
+        groups.setdefault(_HIDING[naive, None if aware and name in unsure else aware], []).append(name)
     unit, worth = f" basis points of risk-adjusted return a {result.market.frequency.word}", _worth(result)
     if worth > 0.0:
         unit += f" (the belief is worth {_basis_points(worth)})"
     parts: list[str] = []
     cost = "a cost of "
-    for whom in filter(groups.__contains__, _WHOM.values()):
-        names = groups[whom]
+    for hide in filter(groups.__contains__, _HIDING.values()):
+        names = groups[hide]
         prices = listed(
             [_basis_points(figures[name]["mean_regret"]) + _bracketed(_worst(result, name)) for name in names]
         )
-        verb = f"hide the investor's belief over {len(result.regimes)} market regimes" if not parts else "hide it"
-        parts.append(
-            f"{listed([full_name(name) for name in names])} weights {verb} from {whom}, at {cost}{prices}{unit}"
-        )
+        what = hide.format("it" if parts else f"the investor's belief over {len(result.regimes)} market regimes")
+        parts.append(f"{listed([full_name(name) for name in names])} weights {what}, at {cost}{prices}{unit}")
         unit = cost = ""
     if _few_others(result):
         parts.append(_few_others(result))
@@ -170,13 +168,13 @@ _SEEN = {
     "naive": _Seen("error_face_value", "share_regime_named"),
     "aware": _Seen("error_followed", "share_regime_named_followed"),
 }
-_WHOM = {
-    (True, True): "both observers, naive and aware of the rule",
-    (True, None): "the naive observer (from the aware one it cannot be judged)",
-    (False, True): "the aware observer alone",
-    (True, False): "the naive observer alone",
-    (False, None): "no observer of whom it can be judged",
-    (False, False): "neither observer",
+_HIDING = {
+    (True, True): "hide {} from both observers, naive and aware of the rule",
+    (True, None): "hide {} from the naive observer (from the aware one it cannot be judged)",
+    (False, True): "hide {} from the aware observer alone",
+    (True, False): "hide {} from the naive observer alone",
+    (False, None): "do not hide {} from the naive observer (from the aware one it cannot be judged)",
+    (False, False): "hide {} from neither observer",
 }
 """Text for the observers from whom a belief is hidden, by (naive, aware); None where it seems hidden to poor estimates."""
 
@@ -409,7 +407,9 @@ def cautions(result: Backtest) -> list[str]:
 
 def _ranked(result: Backtest, name: str) -> str:
     """Return a caution where the aware observer ranks a regime well under a rule that counts as hiding; else nothing."""
-    if result.aware is None or not _asked(result).is_met(_SEEN["aware"].reached(name, result.figures[name])):
+    if result.aware is None or name in _poor_estimates(result)[0]:
+        return ""
+    if not _asked(result).is_met(_SEEN["aware"].reached(name, result.figures[name])):
         return ""
     ranking = best_ranking(result.followed_estimates(name).to_numpy(), result.beliefs.to_numpy())
     told = "" if ranking is None else ranking.told(result.regimes, result.market.frequency.word)

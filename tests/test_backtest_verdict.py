@@ -250,6 +250,34 @@ def test_lucky_draws_stand_beside_the_expected_regret(moving: Backtest) -> None:
     assert "1 (probabilistic; 2 in expectation)" in verdict(shifted(even, {}, PDM={"mean_regret": 1e-4}))[-1]
 
 
+def test_what_no_belief_explains_to_the_naive_observer_is_judged_by_the_aware_one(moving: Backtest) -> None:
+    assert moving.aware is not None
+    blind = {
+        "error_face_value": float("nan"),
+        "share_regime_named": float("nan"),
+        "error_without": moving.aware.prior.error,
+    }
+    read = {"error_followed": 0.0, "share_regime_named_followed": 1.0}
+    own = {"error_face_value": 0.0, "share_regime_named": 1.0}
+    found = shifted(moving, {**blind, **read}, ODM=own, PDM={**HIDDEN, **blind})
+    first, second = verdict(found)[:2]
+    assert first.startswith(
+        "In short: probabilistic weights hide the investor's belief over 2 market regimes from the aware observer"
+    )
+    assert (
+        "counter-adversarial weights do not hide it from the aware observer (no belief explains them to the naive one)"
+        in first
+    )
+    assert second.startswith("The aware observer's law of the belief")
+    poor = shifted(found, {"error_without": 1.6 * moving.aware.prior.error})
+    assert "probabilistic weights may hide the investor's belief" in verdict(poor)[0]
+
+
+def test_limits_of_the_answer_are_not_told_without_one(moving: Backtest) -> None:
+    unknown = shifted(moving, {"error_followed": float("nan")})
+    assert not any("law of the belief is that" in each for each in verdict(unknown))
+
+
 @pytest.mark.usefixtures("undrawn")
 def test_a_terminal_shows_the_verdict_below_the_table_and_families_of_files(moving: Backtest, tmp_path: Path) -> None:
     lines = text_of(moving).splitlines()

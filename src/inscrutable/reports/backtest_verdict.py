@@ -43,14 +43,15 @@ def answer(result: Backtest) -> str:
     figures = result.figures
     if result.aware is None or not hiding:
         return ""
-    if any(np.isnan(figures[name][key]) for name in hiding for key in ("error_face_value", "error_followed")):
+    if any(np.isnan(figures[name]["error_followed"]) for name in hiding):
         return ""
     asked = _asked(result)
     groups: dict[str, list[str]] = {}
     unsure, _ = _poor_estimates(result)
     for name in hiding:
         naive, aware = (asked.is_met(seen.reached(name, figures[name])) for seen in _SEEN.values())
-        groups.setdefault(_HIDING[naive, None if aware and name in unsure else aware], []).append(name)
+        read = None if np.isnan(figures[name]["error_face_value"]) else naive
+        groups.setdefault(_HIDING[read, None if aware and name in unsure else aware], []).append(name)
     unit, worth = f" basis points of risk-adjusted return a {result.market.frequency.word}", _worth(result)
     if worth > 0.0:
         unit += f" (the belief is worth {_basis_points(worth)})"
@@ -172,11 +173,20 @@ _HIDING = {
     (True, True): "hide {} from both observers, naive and aware of the rule",
     (True, None): "hide {} from the naive observer (from the aware one it cannot be judged)",
     (False, True): "hide {} from the aware observer alone",
+    (None, True): "hide {} from the aware observer (no belief explains them to the naive one)",
     (True, False): "hide {} from the naive observer alone",
+    (
+        None,
+        None,
+    ): "may hide {} (no belief explains them to the naive observer, and from the aware one it cannot be judged)",
     (False, None): "do not hide {} from the naive observer (from the aware one it cannot be judged)",
+    (None, False): "do not hide {} from the aware observer (no belief explains them to the naive one)",
     (False, False): "hide {} from neither observer",
 }
-"""Text for the observers from whom a belief is hidden, by (naive, aware); None where it seems hidden to poor estimates."""
+"""Text for the observers from whom a belief is hidden, by (naive, aware).
+
+It is None of a naive observer to whom no belief explains the weights, and where it seems hidden to poor estimates.
+"""
 
 
 def verdict(result: Backtest) -> list[str]:
@@ -185,7 +195,7 @@ def verdict(result: Backtest) -> list[str]:
     odm, *hiding = result.names
     own = figures[odm]
     first, nothing = answer(result), nothing_to_hide(result)
-    lines = list(filter(None, [first or _unjudged(result), _holds(result), _silence(result)]))
+    lines = list(filter(None, [first or _unjudged(result), _holds(result) if first else "", _silence(result)]))
     lines.append(
         f"Without protection: from the {FULL_NAMES['ODM']} weights, an observer names the investor's likeliest regime in "
         f"{_share(own['share_regime_named'])} of {len(result.beliefs)} {word}s; always naming the commonest is right in "

@@ -261,8 +261,14 @@ def test_a_budget_of_its_own_none_and_what_it_is_not_played_for(monkeypatch: pyt
     assert given.sequential is not None
     assert given.sequential.maker.limit == 1e-4
     assert not any("of the silence regret" in each for each in limits(given))
-    assert run_backtest(returns, replace(SETTINGS, budget=Budget.regret(0.0)), restarts=1).sequential is None
     steps = replace(SETTINGS, measure=DesiredObfuscation(np.tile([0.3, 0.7], (6, 1))))
-    assert run_backtest(returns, steps, restarts=1).sequential is None
+    for asked, why in (
+        (replace(SETTINGS, budget=Budget.regret(0.0)), "its budget is 0"),
+        (steps, "the target changes from step to step"),
+    ):
+        other = run_backtest(returns, asked, restarts=1)
+        assert other.sequential is None
+        assert text_of(other).count(f"Caution: the sequential rule is left out, as {why}.") == 1
+    assert "is left out, as" not in text_of(given)
     with pytest.raises(InputError, match="sequential must be True or False"):
         replace(SETTINGS, sequential="no")  # type: ignore[arg-type]

@@ -83,9 +83,19 @@ def text_of(result: Backtest) -> str:
 
 
 def warnings_of(result: Backtest) -> list[str]:
-    """Return warnings beside the verdict: an odd budget, doubts about the figures, and suspicious returns."""
-    doubts = [*remarks_of(result.settings.budget), *(f"Doubtful: {each}." for each in result.doubts)]
+    """Return warnings beside the verdict: an odd budget, a rule left out, doubts about the figures, and suspicious returns."""
+    odd = [*remarks_of(result.settings.budget), *_left_out(result)]
+    doubts = [*odd, *(f"Doubtful: {each}." for each in result.doubts)]
     return [*doubts, *(f"Suspicious returns: {each}." for each in result.market.suspicious)]
+
+
+def _left_out(result: Backtest) -> list[str]:
+    """Return a warning where the sequential rule was asked for and is not played."""
+    if not result.settings.sequential or result.sequential is not None:
+        return []
+    is_fixed = result.aware is not None or result.settings.turnover is not None
+    why = "its budget is 0" if is_fixed else "the target changes from step to step"
+    return [f"Caution: the sequential rule is left out, as {why}."]
 
 
 def written_table(result: Backtest) -> list[list[str]]:

@@ -57,7 +57,18 @@ def test_a_column_of_years_is_no_asset(tmp_path: Path) -> None:
     returns = monthly(np.random.default_rng(0), n_assets=3)
     returns.insert(0, "Year", returns.index.year)
     returns.to_csv(tmp_path / "mine.csv")
-    with pytest.raises(InputError, match="every return of 'Year' exceeds 1 in size"):
+    with pytest.raises(InputError, match=f"{len(returns)} of {len(returns)} returns of 'Year' exceed 1 in size"):
+        read_returns(tmp_path / "mine.csv")
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_column_of_row_numbers_is_no_asset_and_a_few_huge_returns_are(tmp_path: Path, first: int) -> None:
+    returns = monthly(np.random.default_rng(0), n_assets=3)
+    returns.iloc[::3, 1] = 1.5  # a third of all months
+    returns.to_csv(tmp_path / "mine.csv")
+    assert read_returns(tmp_path / "mine.csv").shape == returns.shape
+    returns.assign(Row=np.arange(first, first + len(returns))).to_csv(tmp_path / "mine.csv")
+    with pytest.raises(InputError, match=r"'Row' exceed 1 in size.* A column of years or numbers is no asset"):
         read_returns(tmp_path / "mine.csv")
 
 

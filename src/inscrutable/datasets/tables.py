@@ -454,11 +454,12 @@ def _check_fractions(table: TextTable, values: NDArray[np.float64]) -> None:
             "0.01 for one per cent: divide percentages by 100; prices are read by `backtest --prices` and "
             "read_returns(…, prices=True)"
         )
-    whole = np.flatnonzero((np.abs(values) > 1.0).all(axis=0) & (len(values) > 1))
-    if whole.size:
+    counts = np.count_nonzero(np.abs(values) > 1.0, axis=0)
+    if len(values) > 1 and 2 * counts.max() > len(values):
+        column = int(counts.argmax())
         raise InputError(
-            f"{table.path}: every return of {table.header[int(whole[0]) + 1]!r} exceeds 1 in size; expected fractions, 0.01 "
-            "for one per cent. A column of years or numbers is no asset: leave it out"
+            f"{table.path}: {counts[column]} of {len(values)} returns of {table.header[column + 1]!r} exceed 1 in size; "
+            "expected fractions, 0.01 for one per cent. A column of years or numbers is no asset: leave it out"
         )
     if np.any(values < -1.0):
         raise InputError(

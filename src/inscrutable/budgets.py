@@ -163,6 +163,8 @@ def written_budget(text: str | float) -> Budget | SilenceShare:
         )
     kind, unit = found["kind"], found["unit"]
     amount = float(found["number"]) * (0.01 if unit == "%" else _BASIS_POINT if unit in _BP else 1.0)
+    if amount < 0.0:
+        raise InputError(f"budget must be at least 0, got {text.strip()}")
     if kind == "silence":
         return SilenceShare(amount)
     return Budget(amount, not (kind == "regret" or unit in _BP))

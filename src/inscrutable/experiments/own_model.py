@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -182,7 +183,12 @@ class OwnModel:
         """Return the feasible set of weights of assets; None where the file has no limits."""
         if self.file.constraints.is_empty:
             return None
-        return self.file.constraints.region(assets, self.folder, lambda key: self.source.saying(("constraints", key)))
+
+        def saying(key: str) -> AbstractContextManager[None]:
+            place = ("constraints", key)
+            return self.source.saying(place) if place in self.source.lines else nullcontext()  # options have no line
+
+        return self.file.constraints.region(assets, self.folder, saying)
 
     def limits(self, assets: tuple[str, ...]) -> LimitsPart:
         """Return the limits on weights of assets but that on turnover, without names of files."""
@@ -190,7 +196,10 @@ class OwnModel:
 
     def with_limits(self, limits: LimitsPart) -> OwnModel:
         """Return the model with limits that replace those of the file."""
-        return replace(self, file=self.file.model_copy(update={"constraints": limits.over(self.file.constraints)}))
+        replaced = {("constraints", key) for key in limits.model_dump(exclude_none=True)}
+        left = {place: line for place, line in self.source.lines.items() if place[:2] not in replaced}
+        file = self.file.model_copy(update={"constraints": limits.over(self.file.constraints)})
+        return replace(self, file=file, source=replace(self.source, lines=left))
 
     def investor(self, limits: LimitsPart | None = None) -> InvestorModel:
         """Return the investor of a file with regimes; `limits` replace those of the file.

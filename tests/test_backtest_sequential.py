@@ -252,6 +252,13 @@ def test_none_holds_is_said_as_such(found: Backtest) -> None:
     assert any("none of 1 other runs over all months would have hidden" in each for each in verdict(shifted))
 
 
+def test_that_all_other_draws_hide_is_said_as_such(found: Backtest) -> None:
+    assert found.sequential is not None
+    away = 1.0 - found.beliefs.to_numpy()  # as far from the belief as it can be
+    hidden = replace(found, sequential=replace(found.sequential, others=(away, away)))
+    assert any("2 of 2 other runs over all months would have hidden the belief" in each for each in verdict(hidden))
+
+
 def test_a_budget_of_its_own_none_and_what_it_is_not_played_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backtest_sequential, "_MOST_BELIEFS", 5)
     monkeypatch.setattr(backtest_sequential, "_OTHER_DRAWS", 0)

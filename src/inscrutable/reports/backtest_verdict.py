@@ -366,15 +366,13 @@ def _ceilings(result: Backtest) -> list[str]:
 
 
 def _other_draws(result: Backtest) -> list[str]:
-    """Return a line on the other draws in which the sequential rule hides the belief; none if it does in all."""
+    """Return a line on the other draws in which the sequential rule hides the belief; none where that is not judged."""
     if result.aware is None or result.sequential is None or not result.sequential.others:
         return []
     asked, beliefs, others = _asked(result), result.beliefs.to_numpy(), result.sequential.others
     if "aware" in nothing_to_hide(result) or SEQUENTIAL in _poor_estimates(result)[0]:
         return []
     held = sum(asked.is_met(Reached(SEQUENTIAL, *estimate_quality(each, beliefs))) for each in others)
-    if held == len(others):
-        return []
     return [
         f"The {FULL_NAMES[SEQUENTIAL]} rule draws its decisions: {held or 'none'} of {len(others)} other runs over all "
         f"{result.market.frequency.word}s would have hidden the belief from the aware observer."

@@ -310,7 +310,11 @@ def test_months_with_what_everybody_reads(capsys: pytest.CaptureFixture[str], fo
     [
         ([], "one of --prior-covariance and --world"),
         (["--prior-covariance", "S.csv", "--world", "W.json"], "one of --prior-covariance and --world"),
-        (["--prior-covariance", "S.csv", "--belief", "0.5,0.5"], "takes no --belief"),
+        (["--prior-covariance", "S.csv", "--belief", "0.5,0.5"], "takes no --belief: the private means take the place"),
+        (
+            ["--prior-covariance", "S.csv", "--out", "o"],
+            "takes no --out: the results are only printed, as data with --json",
+        ),
         (["--prior-covariance", "S.csv", "--factors", "1"], "--factors needs --returns"),
         (["--prior-covariance", "S.csv", "--publish"], "give the file with --state"),
     ],

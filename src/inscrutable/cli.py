@@ -403,7 +403,7 @@ def protect(
         previous: Where turnover is limited: CSV of the weights published last, one row. Takes one belief at a time.
         limits: Limits on the weights.
         seed: Makes the draw repeatable. Whoever knows the seed knows the draw; without a seed the operating system draws.
-        out: Folder for the tables, summary.json and the figures; without it the results are only printed.
+        out: Folder for the tables, summary.json and the figures; without it, and with `--alphas`, the results are only printed.
     """
     means.check(model=model, belief=belief, beliefs=beliefs, weights=weights, target=target, certify=certify, out=out)
     if means.alphas is not None:

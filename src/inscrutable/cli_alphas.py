@@ -86,7 +86,10 @@ class AlphaOptions:
             return
         given = [name for name, value in others.items() if value is not None]
         if given:
-            raise UsageError(f"--alphas takes no --{given[0]}: the private means take the place of a belief")
+            why = "the private means take the place of a belief"
+            if given[0] == "out":
+                why = "the results are only printed, as data with --json"
+            raise UsageError(f"--alphas takes no --{given[0]}: {why}")
         for one, other in (("prior_covariance", "world"), ("covariance", "returns")):
             if (one in mine) == (other in mine):
                 raise UsageError(f"--alphas needs one of --{one.replace('_', '-')} and --{other}")

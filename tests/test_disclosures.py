@@ -20,6 +20,7 @@ from inscrutable.cli import main
 from inscrutable.experiments.backtest_inputs import BacktestSettings
 from inscrutable.experiments.comparison import ComparisonSettings, makers_of
 from inscrutable.experiments.disclosing import DisclosureRow, DisclosureTable, under_disclosures
+from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.mechanisms.disclosed import disclosed, shown_classes
 from inscrutable.reports.backtest import table_of
@@ -539,6 +540,46 @@ def test_a_backtest_has_one_more_rival_where_a_disclosure_is_asked_for() -> None
     assert value.shape == seen.shape
     with pytest.raises(InputError, match="no disclosure"):
         BacktestSettings(disclosure="now()")
+
+
+def test_schedules_of_months_are_refused_on_rows_of_weeks() -> None:
+    returns = 0.01 * np.random.default_rng(0).normal(size=(60, 2))
+    weeks, months = (pd.date_range("2001-01", periods=60, freq=each) for each in ("W-FRI", "ME"))
+    for text, told in (
+        ("form_13f(0)", r"every\(13\)\|delayed\(7\)"),
+        ("top(1)|n_port()", r"every\(13\)\|delayed\(9\)"),
+    ):
+        asked = BacktestSettings(regimes=2, train_until="2002-01", sequential=False, disclosure=text)
+        with pytest.raises(InputError, match=f"the steps here are weeks: .*{told}"):
+            ins.run_backtest(pd.DataFrame(returns, index=weeks, columns=["A", "B"]), asked, restarts=1)
+    asked = BacktestSettings(regimes=2, train_until="2004-12", sequential=False, disclosure="form_13f(0)")
+    monthly = ins.run_backtest(pd.DataFrame(returns[:54], index=months[:54], columns=["A", "B"]), asked, restarts=1)
+    assert any("form_13f(0)" in label for label in table_of(monthly).index)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_commands_on_a_model_of_weeks_take_no_schedule_of_months(
+    tmp_path: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    means, spreads = [[0.02, 0.01], [-0.03, 0.0]], [0.01 * np.eye(2), 0.04 * np.eye(2)]
+    world = ins.HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], ins.GaussianEmission(means, spreads))
+    problem = ins.MarkowitzProblem(means, spreads, 5.0)
+    shown = {}
+    for step in ("week", "month"):
+        model = InvestorModel(world, problem, ("A", "B"), world.names, step=step).save(tmp_path / f"{step}.json")
+        ask = ["--model", str(model), "--resolution", "4", "-q", "--out", str(tmp_path / step)]
+        assert main(["disclose", *ask, "--steps", "12", "--draws", "10", "--json"]) == 0
+        capsys.readouterr()
+        table = pd.read_csv(tmp_path / step / "disclosures.csv")
+        shown[step] = set(table.iloc[:, 0])
+    assert shown["month"] - shown["week"] == {"form_13f()"}
+    ask = ["--model", str(tmp_path / "week.json"), "--resolution", "4", "-q", "--out", str(tmp_path / "other")]
+    for command in (
+        ["disclose", *ask, "--disclosures", "exact;n_port()"],
+        ["compare", *ask, "--disclosure", "n_port()"],
+    ):
+        assert main(command) == 3
+        assert "n_port counts in steps of a month, and the steps here are weeks" in capsys.readouterr().err
 
 
 def test_schedules_side_by_side() -> None:

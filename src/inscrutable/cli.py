@@ -200,7 +200,7 @@ def backtest(
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
         sequential: Include the sequential rule. Computing its prices takes up to a minute.
         disclosure: Adds an observer to whom the weights are shown in part or late, in rows of the returns: such as
-            "every(3)|delayed(2)", portfolio_return(), form_13f(0) where the first decision ends a quarter, as by default.
+            "every(3)|delayed(2)", portfolio_return(), form_13f(0) on months of which the first ends a quarter, as by default.
         seed: The same seed gives the same numbers.
         out: Folder for the table, the figures, the weights and model.json; with the extra `inscrutable[report]` also
             report.html, one interactive page that works offline.

@@ -42,8 +42,8 @@ def disclose(
             model.json of a backtest.
         resolution: Beliefs are multiples of 1/resolution, predicted one step ahead.
         disclosures: Schedules separated by semicolons. Each is a chain, joined by |, of every(n), delayed(steps),
-            rounded(digits), long_only(), at_least(weight), top(n), grouped([labels]), form_13f() and n_port(). Default: nine
-            usual ones.
+            rounded(digits), long_only(), at_least(weight), top(n), grouped([labels]), form_13f() and n_port(); the last two
+            count in months. Default: nine usual ones, without form_13f() where a step of the model is no month.
         rule: The decision rule. ODM takes the optimal decisions; all others spend at most half the silence regret. The
             sequential rule is computed for each schedule, which takes a minute or two each: name few.
         steps: Length of the paths. Only their second half counts for the bits a step and the error.
@@ -55,14 +55,17 @@ def disclose(
 
     from inscrutable.experiments.comparison import SPENDS_NOTHING, makers_of
     from inscrutable.experiments.comparison_markets import market_of
-    from inscrutable.experiments.disclosing import USUAL, under_disclosures, whole_ones
+    from inscrutable.experiments.disclosing import check_step, under_disclosures, usual_in, whole_ones
     from inscrutable.experiments.setting import Setting
     from inscrutable.reports.disclosing import summary_data, write_disclosures
 
     written = () if disclosures is None else disclosures.split(";")
-    asked = tuple(disclosure_of(part.strip(), "--disclosures") for part in written) or USUAL
+    asked = tuple(disclosure_of(part.strip(), "--disclosures") for part in written)
     folder = writable_folder(out, "disclose")
     found = market_of(market, resolution, seed)
+    asked = asked or usual_in(found.step)
+    for each in asked:
+        check_step(each, found.step)
     setting = Setting.of(found.problem, found.chain)
     speech.log(f"{found.note}; {len(found.prior)} beliefs")
     spent = 0.0 if rule in SPENDS_NOTHING else 0.5 * setting.silence_regret

@@ -38,6 +38,7 @@ from inscrutable.experiments.backtest_public import (
 from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest, SharpeComparison, resting_beliefs
 from inscrutable.experiments.backtest_sequential import play_sequentially
 from inscrutable.experiments.backtest_turnover import Maker, limited_episode
+from inscrutable.experiments.disclosing import check_step
 from inscrutable.experiments.episodes import Episode, run_episode
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.performance import Performance, SharpeDifference, sharpe_difference, track_portfolios
@@ -124,6 +125,7 @@ def run_backtest(
     """
     chosen = BacktestSettings() if settings is None else settings
     market = checked_market(returns, chosen, riskless)
+    check_step(chosen.disclosure, market.frequency.step)
     seeds = np.random.SeedSequence(chosen.seed).spawn(_SEEDS)
     fit_rng, draw_rng, bootstrap_rng, aware_rng, _, sequential_rng = map(np.random.default_rng, seeds)
     fit, world, problem = fitted_investor(market, chosen, restarts, rng=fit_rng)

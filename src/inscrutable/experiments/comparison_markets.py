@@ -33,11 +33,12 @@ _MOST_BELIEFS = 6_000
 
 @dataclass(frozen=True, eq=False)
 class ComparedMarket:
-    """A problem, the chain of its belief, and one line on their source."""
+    """A problem, the chain of its belief, one line on their source, and the time of a step; empty where not known."""
 
     problem: MarkowitzProblem
     chain: BeliefChain
     note: str
+    step: str = ""
 
     @property
     def prior(self) -> Prior:
@@ -84,7 +85,8 @@ def _returns_market(resolution: int, seed: int, limits: LimitsPart) -> ComparedM
     sample = checked_market(load_industry_returns().returns, settings, None)
     investor = fitted_investor(sample, settings, None, rng=fit_rng)
     note = f"12 US industries, regimes fitted up to {settings.train_until}; stationary prior of the predicted belief"
-    return ComparedMarket(investor.problem, predicted_chain(investor.world, resolution, rng=prior_rng), note)
+    chain = predicted_chain(investor.world, resolution, rng=prior_rng)
+    return ComparedMarket(investor.problem, chain, note, sample.frequency.step)
 
 
 def _model_market(path: Path, resolution: int, seed: int, limits: LimitsPart) -> ComparedMarket:
@@ -92,7 +94,7 @@ def _model_market(path: Path, resolution: int, seed: int, limits: LimitsPart) ->
     model = investor_of(path, limits)
     _refuse_turnover(model.turnover, f"{path}: ")
     chain = predicted_chain(model.world, resolution, rng=np.random.default_rng(seed))
-    return ComparedMarket(model.problem, chain, f"{path.name}; stationary prior of the predicted belief")
+    return ComparedMarket(model.problem, chain, f"{path.name}; stationary prior of the predicted belief", model.step)
 
 
 def _refuse_turnover(turnover: float | None, where: str = "") -> None:

@@ -30,6 +30,9 @@ USUAL = (
     "top(1)",
 )
 """The disclosures compared by default, in steps of months."""
+_MONTH = "month"
+_IN_WEEKS = {"form_13f": "long_only()|every(13)|delayed(7)", "n_port": "every(13)|delayed(9)"}
+"""Disclosures in steps of a month, written in weeks: 45 and 60 days are 7 and 9 of them, rounded up."""
 
 
 _DIGITS = 15  # decimals of a regret: beyond them a difference of costs is rounding
@@ -168,6 +171,24 @@ def _standard_error(figures: Array) -> float:
 
 def _regret_text(regret: float) -> str:
     return f"{round(regret, _DIGITS) + 0.0:.3g}"
+
+
+def usual_in(step: str) -> tuple[str, ...]:
+    """Return the usual disclosures, without those of months where a step is known to be another; empty if not known."""
+    return tuple(each for each in USUAL if step in ("", _MONTH) or not _of_months(Disclosure.of(each)))
+
+
+def check_step(disclosure: Disclosure | str, step: str) -> None:
+    """Raise `InputError` for a disclosure in steps of a month where a step is known to be another; empty if not known."""
+    for name in _of_months(Disclosure.of(disclosure)) if step not in ("", _MONTH) else []:
+        raise InputError(
+            f"disclosure {disclosure}: {name} counts in steps of a month, and the steps here are {step}s: write it in these, "
+            f"for weeks as {_IN_WEEKS[name]}"
+        )
+
+
+def _of_months(disclosure: Disclosure) -> list[str]:
+    return [each.name for each in disclosure.operations if each.name in _IN_WEEKS]
 
 
 def whole_ones(disclosures: Sequence[str], actions: Array) -> list[str]:

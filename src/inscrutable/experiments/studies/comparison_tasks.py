@@ -26,6 +26,7 @@ from inscrutable.experiments.comparison import (
 )
 from inscrutable.experiments.comparison_markets import PAPER, RETURNS, ComparedMarket, market_of
 from inscrutable.experiments.comparison_measures import ComparisonRow
+from inscrutable.experiments.disclosing import check_step
 from inscrutable.experiments.investor_model import problem_data, problem_of
 from inscrutable.experiments.model_file import ProblemPart
 from inscrutable.experiments.own_model import OwnModel
@@ -115,6 +116,7 @@ def market_from(worlds: Sequence[dict[str, Any]]) -> ComparedMarket:
 def _market(plan: ComparisonFile, base: Path, grid: TaskGrid) -> list[dict[str, Any]]:
     name = plan.market if plan.market in (PAPER, RETURNS) else str(base / plan.market)
     found = market_of(name, plan.resolution, plan.seed, plan.limits)
+    check_step(plan.disclosure, found.step)
     data = {
         "problem": problem_data(found.problem),
         "beliefs": found.prior.beliefs,

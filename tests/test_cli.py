@@ -160,6 +160,12 @@ def test_the_file_of_a_backtest_has_one_name_in_all_commands(run, verb: str, fla
     assert "nothing.json cannot be read" in err
 
 
+@pytest.mark.parametrize("verb", ["compare", "disclose"])
+def test_help_names_both_kinds_of_models(run, verb: str) -> None:  # type: ignore[no-untyped-def]
+    _, out, _ = run(verb, "--help")
+    assert "a model.toml of your own with regimes" in " ".join(out.replace("│", " ").split())
+
+
 def test_values_of_the_command_line() -> None:
     assert budget_of("0.1") == Budget.relative(0.1)
     assert budget_of("regret:0.002") == Budget.regret(0.002)

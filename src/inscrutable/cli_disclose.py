@@ -38,8 +38,8 @@ def disclose(
     every(3)|delayed(2); top(5)"
 
     Args:
-        market: returns (the 12 US industries that come with the package, one step a month), paper (a random market), or the
-            model.json of a backtest.
+        market: returns (the 12 US industries that come with the package, one step a month), paper (a random market), the
+            model.json of a backtest, or a model.toml of your own with regimes.
         resolution: Beliefs are multiples of 1/resolution, predicted one step ahead.
         disclosures: Schedules separated by semicolons. Each is a chain, joined by |, of every(n), delayed(steps),
             rounded(digits), long_only(), at_least(weight), top(n), grouped([labels]), form_13f() and n_port(); the last two

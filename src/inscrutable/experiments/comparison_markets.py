@@ -114,7 +114,7 @@ def market_of(
     """Return the market "paper", "returns", or that of a model file.
 
     Args:
-        name: One of the two, or the path of a model.json of a backtest.
+        name: One of the two, or the path of a model.json of a backtest, or of a model.toml with regimes.
         resolution: Resolution of the grid of beliefs: multiples of 1/resolution.
         seed: Seed of the market, the fit and the simulated path.
         limits: Limits on weights that replace the model's; turnover cannot be limited.

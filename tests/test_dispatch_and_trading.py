@@ -23,6 +23,7 @@ from inscrutable import (
     dispatch_problem,
     load_ieee_30_bus,
     simplex,
+    turnover,
     with_transaction_costs,
 )
 from sizes import some
@@ -269,3 +270,32 @@ def test_a_local_search_leaves_no_trade_that_an_observer_takes_for_none(seed):
     trades = np.abs(found.action - former)
     assert ((trades <= 1e-9) | (trades >= problem.constraints.min_slack)).all()
     assert problem.regret(found.decoy, found.action) <= 1e-9
+
+
+@pytest.mark.parametrize("dust", some([2e-9, 1e-8, 1e-7, 9e-7], 3))
+@pytest.mark.parametrize("kind", ["costs", "limit"])
+def test_a_former_weight_that_is_nearly_zero_hides_as_one_of_zero_does(kind, dust):
+    """A solver leaves such weights. An observer takes a sale of them for none."""
+    rng = np.random.default_rng(1)
+    means, factors = rng.normal(0.0, 0.08, (3, 3)), rng.normal(0.0, 0.2, (3, 3, 4))
+    covariances, belief = factors @ factors.swapaxes(1, 2) + 0.005 * np.eye(3), rng.dirichlet(np.ones(3))
+    found = []
+    for former in ([0.0, 0.4, 0.6], [dust, 0.4, 0.6 - dust]):
+        region = simplex(3) & turnover(former, 0.3) if kind == "limit" else simplex(3)
+        problem = MarkowitzProblem(means, covariances, 2.0, constraints=region)
+        if kind == "costs":
+            problem = with_transaction_costs(problem, former, linear=0.02)
+        makers = CounterAdversarialDecisionMaker(problem, budget=0.1), ProbabilisticDecisionMaker(problem, budget=0.1)
+        single, mixed = (maker.decide(belief) for maker in makers)
+        assert problem.is_admissible(single.action)
+        assert consistent_beliefs(problem, single.action).contains(single.decoy)
+        found.append([single.privacy, mixed.expected_privacy, problem.optimal_cost(belief)])
+    assert min(found[0][:2]) > 0.1
+    np.testing.assert_allclose(found[1], found[0], rtol=0.02)
+    np.testing.assert_allclose(found[1][2], found[0][2], atol=dust)
+
+
+def test_former_weights_of_a_hundredth_of_the_least_slack_have_a_quadratic_form(fresh_rng):
+    plain = MarkowitzProblem(np.eye(2), [np.eye(2)] * 2, 1.0)
+    for weight in 10 ** fresh_rng.uniform(np.log10(1.1e-6), -4.0, 100):
+        assert with_transaction_costs(plain, [weight, 1.0 - weight], linear=0.02).quadratic_form() is not None

@@ -58,6 +58,9 @@ class Polyhedron:
     needs_lift: bool = False
     """Whether the set needs more variables than the decision's, as a `MagnitudeRegion` does."""
 
+    short_ranges: np.ndarray = np.zeros((0, 2), dtype=np.intp)
+    """Pairs of rows, the ends of ranges too short for `min_slack`: admissible decisions are at one of the two."""
+
     def __init__(
         self,
         A_ub: ArrayLike | None = None,
@@ -220,9 +223,9 @@ class Polyhedron:
         points = self._points(actions)
         slack = self.slacks(points)
         tight = np.abs(slack) <= tolerances.FEASIBILITY * _size(points)[..., None]
-        return np.asarray(np.all(tight | (slack >= self.min_slack), axis=-1)) & (
-            self._beyond(points, slack) <= tolerances.FEASIBILITY
-        )
+        told = tight | (slack >= self.min_slack)
+        told[..., self.short_ranges] = tight[..., self.short_ranges].any(axis=-1, keepdims=True)
+        return np.asarray(told.all(axis=-1) & (self._beyond(points, slack) <= tolerances.FEASIBILITY))
 
     def __and__(self, other: Polyhedron) -> Polyhedron:
         """Return the intersection; names are kept, coordinates aligned by them, the larger `min_slack` is used.

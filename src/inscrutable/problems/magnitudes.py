@@ -112,7 +112,8 @@ class MagnitudeRegion(Polyhedron):
         return np.asarray(np.maximum(self.rows.violation(points), over / np.maximum(np.abs(points).max(axis=-1), 1.0)))
 
     def is_admissible(self, actions: ArrayLike) -> np.ndarray:
-        """Return whether decisions are feasible with every segment and limit tight or slack by at least `min_slack`."""
+        """Return whether decisions are feasible with every segment and limit tight or slack by at least `min_slack`; at either
+        end of a segment of less than a hundredth of it."""
         points = self._points(actions)
         inside = self.violation(points) <= tolerances.FEASIBILITY
         return np.asarray(self.rows_in_full.is_admissible(self.segments.variables(points)) & inside)

@@ -72,10 +72,12 @@ class Segments:
         least = region.min_slack * (1.0 + tolerances.SLACK_SAFETY)
         gaps = np.where(self._kind == _PLAIN, np.inf, self._ends)
         with np.errstate(divide="ignore"):
-            # A gap below the least slack is scaled up to it: filling it is then admissible.
-            self.stretch = np.clip(least / gaps, 1.0, _MOST_STRETCHED)
-        self.is_searched = bool((self.stretch * gaps >= least).all())
-        """Whether the least slack separates each segment's two ends."""
+            wanted = least / gaps
+        # A gap below the least slack is scaled up to it: filling it is then admissible.
+        self.stretch = np.clip(wanted, 1.0, _MOST_STRETCHED)
+        self._is_short = np.append(wanted > _MOST_STRETCHED, np.zeros(len(self.limits), dtype=bool))
+        self.is_searched = not self._is_short.any()
+        """Whether the least slack separates each segment's two ends; an observer counts both as tight where it does not."""
         self.columns = np.zeros((region.n_actions, self._place.size))
         self.columns[self._place, np.arange(self._place.size)] = self._sign / self.stretch
 
@@ -165,7 +167,7 @@ class Segments:
         used = np.array([self._used(limit) for limit in self.limits])
         rooms = [limit.most - limit.used(self.base) for limit in self.limits]
         sums = np.hstack([used.reshape(len(self.limits), self._place.size), np.eye(len(self.limits))])
-        return Polyhedron(
+        found = Polyhedron(
             np.vstack([self._with_rooms(region.A_ub[wide] @ self.columns), -unit[low], unit[high]]),
             np.concatenate([region.b_ub[wide] - region.A_ub[wide] @ self.base, -lower[low], upper[high]]),
             np.vstack([self._with_rooms(region.A_eq @ self.columns), sums]),
@@ -179,6 +181,10 @@ class Segments:
             ],
             min_slack=region.min_slack,
         )
+        short = np.flatnonzero(self._is_short)
+        ends = np.cumsum(low)[short], low.sum() + np.cumsum(high)[short]
+        found.short_ranges = np.column_stack(ends) + np.count_nonzero(wide) - 1
+        return found
 
     @property
     def inner_names(self) -> frozenset[str]:

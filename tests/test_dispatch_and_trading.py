@@ -8,6 +8,7 @@ import pytest
 from inscrutable import (
     Budget,
     CounterAdversarialDecisionMaker,
+    GlobalSearch,
     InputError,
     LocalSearch,
     MarkowitzProblem,
@@ -299,3 +300,21 @@ def test_former_weights_of_a_hundredth_of_the_least_slack_have_a_quadratic_form(
     plain = MarkowitzProblem(np.eye(2), [np.eye(2)] * 2, 1.0)
     for weight in 10 ** fresh_rng.uniform(np.log10(1.1e-6), -4.0, 100):
         assert with_transaction_costs(plain, [weight, 1.0 - weight], linear=0.02).quadratic_form() is not None
+
+
+@pytest.mark.parametrize(("seed", "gap"), some([(4, 3e-6), (3, 2e-5), (15, 2e-5), (15, 8e-5)], 2))
+def test_a_limit_from_weights_rounded_hides_as_one_from_those_of_the_trading_costs(seed, gap):
+    rng = np.random.default_rng(seed)
+    means, factors = rng.normal(0.0, 0.08, (3, 4)), rng.normal(0.0, 0.2, (3, 4, 5))
+    covariances, former = factors @ factors.swapaxes(1, 2) + 0.005 * np.eye(4), rng.dirichlet(np.ones(4))
+    found = []
+    for published in (former, former + gap * np.array([1, -1, 1, -1])):
+        plain = MarkowitzProblem(means, covariances, 2.0, constraints=simplex(4) & turnover(published, 0.5))
+        problem = with_transaction_costs(plain, former, linear=0.03)
+        proved = CounterAdversarialDecisionMaker(problem, budget=0.2, method=GlobalSearch(certify=0.02))
+        decision = proved.decide([0.5, 0.3, 0.2])
+        assert problem.is_admissible(decision.action)
+        single = CounterAdversarialDecisionMaker(problem, budget=0.2).decide([0.5, 0.3, 0.2])
+        assert problem.is_admissible(single.action)
+        found.append([decision.privacy, single.privacy])
+    np.testing.assert_allclose(found[1], found[0], rtol=0.01)

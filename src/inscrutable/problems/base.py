@@ -100,10 +100,15 @@ class DecisionProblem(ABC):
 
     def is_admissible(self, actions: Array) -> np.ndarray:
         """Return whether decisions (…,U) may be played, shape (…). Each row of C, and each kink of the costs, must be tight or
-        slack by at least `min_slack`: the observer then cannot mistake an inactive row for an active one."""
-        form, usable = self.smooth_form(), self.constraints.is_admissible(actions)
+        slack by at least `min_slack`: the observer then cannot mistake an inactive row for an active one. Bends of limits are
+        judged together with kinks, which may be near them."""
+        form = self.smooth_form()
         if form is None or form.lift is None:
-            return usable
+            return self.constraints.is_admissible(actions)
+        if self.constraints.needs_lift:
+            usable = np.asarray(self.constraints.violation(actions) <= tolerances.FEASIBILITY)
+        else:
+            usable = self.constraints.is_admissible(actions)
         return np.asarray(usable & form.constraints.is_admissible(form.lift.variables(actions)))
 
     def explaining_rows(self, action: Array) -> Array | None:

@@ -161,7 +161,7 @@ class Prover:
         """The privacies of points' decisions, −∞ for those that are not admissible."""
         actions, beliefs = self.points.actions[index], self.points.beliefs[index]
         distances = consistent_sets(self.problem, actions, beliefs).distances(reference.point)
-        usable = self.problem.constraints.is_admissible(actions) & np.isfinite(distances)
+        usable = self.problem.is_admissible(actions) & np.isfinite(distances)
         return np.where(usable, reference.sign * np.where(usable, distances, 0.0), -np.inf)
 
     def _halved(self, cells: DescribedCells, nearly: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -44,7 +44,7 @@ class PolyhedralProof(NamedTuple):
             for action in self._decisions(place):
                 met = decision_for(self.problem, self.belief, action, self.measure, DecisionStatus.BEST_CANDIDATE)
                 better = met.privacy > found.privacy + tolerances.NO_PRIVACY and not met.belief_set.is_empty
-                if better and met.regret <= limit and self.problem.constraints.is_admissible(action):
+                if better and met.regret <= limit and self.problem.is_admissible(action):
                     found = met
         return found, max(self.values.single(limit), found.privacy)
 
@@ -54,7 +54,7 @@ class PolyhedralProof(NamedTuple):
         atoms = Atoms(self.problem, self.belief, self.measure, found)
         for place in bound.places[:_MOST_ATOMS]:
             for action in self._decisions(place):
-                if self.problem.constraints.is_admissible(action):
+                if self.problem.is_admissible(action):
                     atoms.take(action)
         improved = atoms.lottery(found, limit)
         # One decision may beat all mixtures of those found so far.

@@ -21,6 +21,7 @@ from inscrutable import (
     ProbabilisticDecisionMaker,
     consistent_beliefs,
     decoy_grid,
+    max_weights,
     simplex,
     simplex_grid,
 )
@@ -383,3 +384,17 @@ def test_one_state_of_a_portfolio_hides_nothing_and_proves_it(measure):
     alone = CounterAdversarialDecisionMaker(problem, measure, method=GlobalSearch(certify=0.01)).decide([1.0])
     mixed = ProbabilisticDecisionMaker(problem, measure, certify=0.01).decide([1.0])
     assert (alone.privacy, alone.privacy_bound, mixed.expected_privacy, mixed.privacy_bound) == (0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("means", "cap"),
+    [([[0.1, 0.05], [0.2, 0.15]], 1.0), ([[0.5, 0.1], [0.4, 0.05]], 1.0), ([[0.3, 0.2], [0.4, 0.25]], 0.5)],
+)
+def test_one_decision_for_all_beliefs_hides_nothing_and_proves_it(means, cap):
+    """Its costs do not tell it from others: there are none. Means differ by a constant, or a corner or caps decide."""
+    problem = MarkowitzProblem(means, [np.diag([0.04, 0.09])] * 2, 1.0, constraints=simplex(2) & max_weights(2, cap))
+    for belief in ([0.5, 0.5], [1.0, 0.0]):
+        alone = CounterAdversarialDecisionMaker(problem, method=GlobalSearch(certify=0.01)).decide(belief)
+        mixed = ProbabilisticDecisionMaker(problem, certify=0.01).decide(belief)
+        assert (alone.privacy, alone.privacy_bound, mixed.privacy_bound) == (0.0, 0.0, 0.0)
+        assert alone.oracle_calls < 10

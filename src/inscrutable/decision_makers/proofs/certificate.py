@@ -238,6 +238,8 @@ class Prover:
         upper = self.points.upper_costs(corners)
         slack = tolerances.SHARED_DECISION * self.points.scale
         if self.points.rounding > slack:  # costs do not distinguish decisions
+            for cell in np.flatnonzero(single & self._is_one_decision):
+                bounded.close(int(cell), 0.0, 0.0)
             return
         optimal = (upper <= self.points.values[corners][:, :, None] + slack).all(axis=1)
         width = np.abs(self.points.beliefs[corners] - self.points.beliefs[corners[:, :1]]).max(axis=(1, 2))
@@ -245,6 +247,12 @@ class Prover:
             costs = self.points.costs[corners[cell, optimal[cell].argmax()]]
             regret = float(costs @ self.belief) - self.points.optimal_cost - self.points.allowance
             bounded.close(int(cell), self._distance(costs, corners[cell]), max(regret, 0.0))
+
+    @property
+    def _is_one_decision(self) -> bool:
+        """Whether the corners of the simplex share one decision, which every belief then explains."""
+        actions = self.points.actions[np.unique(self._cones)]
+        return bool((np.abs(actions - actions[0]) <= tolerances.SAME_ACTION).all())
 
     def _distance(self, costs: Array, corners: np.ndarray) -> float:
         """An upper bound of the distance to the beliefs for which a decision of these state costs is optimal."""

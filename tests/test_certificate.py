@@ -18,10 +18,13 @@ from inscrutable import (
     MarkowitzProblem,
     MaximalObfuscation,
     NonExistence,
+    Polyhedron,
     ProbabilisticDecisionMaker,
+    QuadraticProblem,
     consistent_beliefs,
     decoy_grid,
     max_weights,
+    min_weights,
     simplex,
     simplex_grid,
 )
@@ -398,3 +401,22 @@ def test_one_decision_for_all_beliefs_hides_nothing_and_proves_it(means, cap):
         mixed = ProbabilisticDecisionMaker(problem, certify=0.01).decide(belief)
         assert (alone.privacy, alone.privacy_bound, mixed.privacy_bound) == (0.0, 0.0, 0.0)
         assert alone.oracle_calls < 10
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("fixed", [0.0, 0.2])
+def test_a_weight_fixed_by_its_bounds_is_proved_as_without_it(fixed, seed):
+    rng = np.random.default_rng(seed)
+    means, factors = rng.normal(0.0, 0.05, (3, 3)), rng.normal(0.0, 0.2, (3, 3, 4))
+    hessians, belief = 2.0 * (factors @ factors.swapaxes(1, 2) + 0.01 * np.eye(3)), rng.dirichlet(np.ones(3))
+    region = simplex(3) & min_weights(3, [fixed, 0, 0]) & max_weights(3, [fixed, 1, 1])
+    others = Polyhedron(-np.eye(2), np.zeros(2), [[1, 1]], [1 - fixed])
+    held, slopes = hessians[:, 0, 0] * fixed**2 / 2 - means[:, 0] * fixed, hessians[:, 1:, 0] * fixed - means[:, 1:]
+    problems = [
+        QuadraticProblem(hessians, -means, constraints=region),
+        QuadraticProblem(hessians[:, 1:, 1:], slopes, held, constraints=others),
+    ]
+    whole, part = (proved(problem, 0.01, belief) for problem in problems)
+    assert whole.status in PROVEN
+    assert (whole.privacy, whole.privacy_bound) == pytest.approx((part.privacy, part.privacy_bound), abs=1e-3)
+    assert whole.oracle_calls <= 1.2 * part.oracle_calls

@@ -22,7 +22,8 @@ from inscrutable.validation import Array
 class Whitened(NamedTuple):
     """A problem in coordinates v of its decisions, u = B v + const, in which the mean of the states' curvatures is one.
 
-    Inequality rows R v ≤ const have unit length; of equal ones the tightest is kept, and constant rows are dropped.
+    Directions that two opposite rows fix take no part. Inequality rows R v ≤ const have unit length; of equal ones the
+    tightest is kept, and constant rows are dropped.
     """
 
     basis: Array  # B (U,F)
@@ -67,7 +68,9 @@ def whitened_by(problem: DecisionProblem, hessians: Array) -> Whitened | None:
     """Return the coordinates for the states' curvatures (X,U,U), None where their mean is not strictly convex
     inside C."""
     region = problem.constraints
+    slacks = region.slacks(problem.solve(middle_of(problem))) * region.row_scale
     inside = complement(region.A_eq, problem.n_actions)
+    inside = inside @ complement(_fixed_rows(region.A_ub @ inside, slacks), inside.shape[1])
     sizes = np.linalg.norm(hessians, axis=(1, 2))
     mean = np.tensordot(1.0 / np.maximum(sizes, tolerances.TINY), hessians, axes=1)
     mean *= float(np.median(sizes)) / problem.n_states
@@ -75,15 +78,21 @@ def whitened_by(problem: DecisionProblem, hessians: Array) -> Whitened | None:
     if not values.size or values[0] <= tolerances.CURVATURE * values[-1]:
         return None
     basis = inside @ (vectors / np.sqrt(values))
-    kept, rows, lengths = _distinct_rows(
-        region.A_ub @ basis, region.slacks(problem.solve(middle_of(problem))) * region.row_scale
-    )
+    kept, rows, lengths = _distinct_rows(region.A_ub @ basis, slacks)
     return Whitened(basis, rows, kept, lengths, basis.T @ hessians @ basis)
 
 
 def middle_of(problem: DecisionProblem) -> Array:
     """Return the belief (X,) in the middle of the simplex."""
     return np.full(problem.n_states, 1.0 / problem.n_states)
+
+
+def _fixed_rows(rows: Array, slacks: Array) -> Array:
+    """The rows (R,F) as unit rows that are tight in every decision: they and their opposites are so in one."""
+    lengths = np.linalg.norm(rows, axis=1)
+    tight = (lengths > tolerances.CURVATURE * lengths.max(initial=0.0)) & (slacks <= tolerances.SAME_ACTION * lengths)
+    unit = rows[tight] / lengths[tight, None]
+    return unit[first_equal(np.vstack([unit, -unit]))[len(unit) :] < len(unit)]
 
 
 def _distinct_rows(rows: Array, slacks: Array) -> tuple[np.ndarray, Array, Array]:

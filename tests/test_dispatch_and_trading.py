@@ -23,6 +23,7 @@ from inscrutable import (
     decoy_grid,
     dispatch_problem,
     load_ieee_30_bus,
+    max_weights,
     simplex,
     turnover,
     with_transaction_costs,
@@ -318,3 +319,35 @@ def test_a_limit_from_weights_rounded_hides_as_one_from_those_of_the_trading_cos
         assert problem.is_admissible(single.action)
         found.append([decision.privacy, single.privacy])
     np.testing.assert_allclose(found[1], found[0], rtol=0.01)
+
+
+def test_a_limit_on_turnover_from_a_single_asset_is_proved_as_the_bounds_it_means():
+    """The sum of the weights implies that none is above one."""
+    rng = np.random.default_rng(1)
+    means, factors = np.array([0.0, 0.1]) + rng.normal(0.0, 0.08, (3, 2)), rng.normal(0.0, 0.2, (3, 2, 3))
+    covariances, belief = factors @ factors.swapaxes(1, 2) + 0.005 * np.eye(2), rng.dirichlet(np.ones(3))
+    found = []
+    for region in (turnover([0.0, 1.0], 0.3), max_weights(2, [0.15, 1.0])):
+        problem = MarkowitzProblem(means, covariances, 2.0, constraints=simplex(2) & region)
+        method = GlobalSearch(certify=0.01, max_oracle_calls=500)
+        decision = CounterAdversarialDecisionMaker(problem, budget=0.2, method=method).decide(belief)
+        found.append([decision.privacy, decision.privacy_bound])
+    np.testing.assert_allclose(found[0], found[1], rtol=0.01)  # the bounds' gap
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_former_weights_at_limits_that_the_sum_implies(seed, fresh_rng):
+    """Caps of .3 on two of three leave at least .4 to the third: it can only be bought, so that its cost has no kink."""
+    rng = fresh_rng if seed == 0 else np.random.default_rng(seed)
+    means, factors, belief = rng.normal(0.0, 0.08, (2, 3)), rng.normal(0.0, 0.2, (2, 3, 4)), rng.dirichlet(np.ones(2))
+    covariances = factors @ factors.swapaxes(1, 2) + 0.005 * np.eye(3)
+    former, caps = np.array([0.3, 0.3, 0.4]), np.array([0.3, 0.3, 1.0])
+    region = simplex(3) & max_weights(3, caps) & turnover(former, 0.2)
+    problem = with_transaction_costs(MarkowitzProblem(means, covariances, 2.0, constraints=region), former, linear=0.02)
+    u = cp.Variable(3, nonneg=True)
+    cost = 2 * cp.quad_form(u, cp.psd_wrap(np.tensordot(belief, covariances, 1))) - (belief @ means) @ u
+    rows = [cp.sum(u) == 1, u <= caps, cp.norm1(u - former) <= 0.2]
+    least = cp.Problem(cp.Minimize(cost + 0.02 * cp.norm1(u - former)), rows).solve(solver=cp.CLARABEL)
+    assert problem.optimal_cost(belief) == pytest.approx(least, abs=1e-7)
+    assert consistent_beliefs(problem, problem.solve(belief)).contains(belief)
+    check_decision_problem(problem)

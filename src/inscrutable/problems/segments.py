@@ -66,6 +66,7 @@ class Segments:
     ) -> None:
         self.region, self.limits = region, tuple(limits)
         self._lower, self._upper = region.coordinate_bounds
+        self._least, self._most = _reach(region)
         own = [row for each in self.limits for row in np.where(each.weights > 0, each.centers, np.nan)]
         kinks = [self._inside(j, np.array(each)) for j, each in enumerate(zip(*breakpoints, *own, strict=True))]
         self._set_up(kinks, region.n_actions)
@@ -82,9 +83,9 @@ class Segments:
         self.columns[self._place, np.arange(self._place.size)] = self._sign / self.stretch
 
     def _inside(self, j: int, places: Array) -> Array:
-        """The different breakpoints of a coordinate that lie between its bounds, in order."""
+        """The different breakpoints of a coordinate that lie between its least and greatest value, in order."""
         near = tolerances.FEASIBILITY
-        known = np.unique(places[(places > self._lower[j] + near) & (places < self._upper[j] - near)])
+        known = np.unique(places[(places > self._least[j] + near) & (places < self._most[j] - near)])
         return known[np.diff(known, prepend=-np.inf) > near]
 
     def _set_up(self, kinks: list[Array], size: int) -> None:
@@ -94,6 +95,7 @@ class Segments:
         between = [(j, k) for j in kinked for k in range(kinks[j].size - 1)]
         bounds = self._lower, self._upper
         rest = np.where(np.isfinite(bounds[0]), bounds[0], np.where(np.isfinite(bounds[1]), bounds[1], 0.0))
+        rest = np.clip(rest, self._least, self._most)
         self.base = np.array([kinks[j][0] if kinks[j].size else rest[j] for j in range(size)])
         """The decision at which the variables are zero."""
         self._place = np.array([*kinked, *kinked, *(j for j, _ in between), *plain], dtype=np.int64)
@@ -108,8 +110,8 @@ class Segments:
 
     def slopes(self, weights: Array, centers: Array) -> Array:
         """Return the slopes of Σ_j w_j |u_j − b_j| in the variables, shape (V,); a b_j of positive weight is a breakpoint."""
-        lowest = np.where(self._kind == _DOWN, self._lower[self._place], self._start)
-        lowest = np.where(self._kind == _PLAIN, self._lower[self._place], lowest)
+        is_first = (self._kind == _DOWN) | (self._kind == _PLAIN)
+        lowest = np.where(is_first, self._least[self._place], self._start)
         above = lowest >= centers[self._place] - tolerances.FEASIBILITY
         return np.asarray(self._sign * np.where(above, 1.0, -1.0) * weights[self._place] / self.stretch)
 
@@ -223,6 +225,19 @@ class Segments:
         for limit in (self._lower, self._upper):
             actions = np.where(np.abs(actions - limit) <= tolerances.SAME_ACTION, limit, actions)
         return np.asarray(actions)
+
+
+def _reach(region: Polyhedron) -> tuple[Array, Array]:
+    """Least and greatest value (U,) of each coordinate by its bounds, and by each equality with the others' bounds."""
+    lower, upper = region.coordinate_bounds
+    least, most = lower.copy(), upper.copy()
+    for row, side in zip(region.A_eq, region.b_eq, strict=True):
+        used = np.flatnonzero(row)
+        terms = np.sort(row[used] * np.array([lower[used], upper[used]]), axis=0)
+        others = np.where(np.eye(used.size, dtype=bool), 0.0, terms[::-1, None]).sum(axis=2)
+        ends = np.sort((side - others) / row[used], axis=0)
+        least[used], most[used] = np.maximum(least[used], ends[0]), np.minimum(most[used], ends[1])
+    return least, most
 
 
 def _least_curvature(hessians: Array) -> Array:

@@ -92,7 +92,7 @@ def _fixed_rows(rows: Array, slacks: Array) -> Array:
     lengths = np.linalg.norm(rows, axis=1)
     tight = (lengths > tolerances.CURVATURE * lengths.max(initial=0.0)) & (slacks <= tolerances.SAME_ACTION * lengths)
     unit = rows[tight] / lengths[tight, None]
-    return unit[first_equal(np.vstack([unit, -unit]))[len(unit) :] < len(unit)]
+    return np.asarray(unit[first_equal(np.vstack([unit, -unit]))[len(unit) :] < len(unit)])
 
 
 def _distinct_rows(rows: Array, slacks: Array) -> tuple[np.ndarray, Array, Array]:

@@ -265,7 +265,8 @@ def _spread_directions(members: Array, belief: Array, radius: float) -> Array:
     for origin in (belief, np.full(len(belief), 1.0 / len(belief))):
         away = members - origin
         length = np.linalg.norm(away, axis=1)
-        units = away[length > tolerances.SAME_BELIEF] / length[length > tolerances.SAME_BELIEF, None]
+        far = length > tolerances.SAME_BELIEF
+        units = away[far] / length[far, None]
         units = units[(belief + radius * units >= 0.0).all(axis=1)]
         chosen = np.linspace(0, len(units) - 1, min(len(units), _DIRECTIONS)).astype(np.int64)
         found.append(units[chosen])

@@ -223,9 +223,9 @@ class Polyhedron:
         points = self._points(actions)
         slack = self.slacks(points)
         tight = np.abs(slack) <= tolerances.FEASIBILITY * _size(points)[..., None]
-        told = tight | (slack >= self.min_slack)
-        told[..., self.short_ranges] = tight[..., self.short_ranges].any(axis=-1, keepdims=True)
-        return np.asarray(told.all(axis=-1) & (self._beyond(points, slack) <= tolerances.FEASIBILITY))
+        clear = tight | (slack >= self.min_slack)
+        clear[..., self.short_ranges] = tight[..., self.short_ranges].any(axis=-1, keepdims=True)
+        return np.asarray(clear.all(axis=-1) & (self._beyond(points, slack) <= tolerances.FEASIBILITY))
 
     def __and__(self, other: Polyhedron) -> Polyhedron:
         """Return the intersection; names are kept, coordinates aligned by them, the larger `min_slack` is used.

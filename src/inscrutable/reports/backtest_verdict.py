@@ -175,10 +175,7 @@ _HIDING = {
     (False, True): "hide {} from the aware observer alone",
     (None, True): "hide {} from the aware observer (no belief explains them to the naive one)",
     (True, False): "hide {} from the naive observer alone",
-    (
-        None,
-        None,
-    ): "may hide {} (no belief explains them to the naive observer, and from the aware one it cannot be judged)",
+    (None, None): "may hide {} (the naive observer finds no belief, and from the aware one it cannot be judged)",
     (False, None): "do not hide {} from the naive observer (from the aware one it cannot be judged)",
     (None, False): "do not hide {} from the aware observer (no belief explains them to the naive one)",
     (False, False): "hide {} from neither observer",

@@ -79,8 +79,8 @@ _PATIENCE, _LEAST_PATIENCE = 16, 8
 """Regions, for each state above two, whose neighbours are searched in vain before a search ends. Over four to six states and in
 concentrated markets, 10 of 1,752 decisions lose up to 33 % with 4, and 67 lotteries up to 23 %; with 10 no decision does, and 8
 lotteries up to 2 %. Over seven and eight, 6 of 330 decisions and 12 lotteries lose up to 10 % with 4. Decisions take 1.3 times,
-lotteries 1.6 times as long as with 4; over three states no longer. With four at least one of 41 decisions under trading costs
-loses 21 %; eight take as long."""
+lotteries 1.6 times as long as with 4; over three states no longer. With a least number of four, one of 41 decisions under
+trading costs loses 21 %; eight take as long."""
 _FREED, _FREED_LIFTED = 1, 2
 """Tight rows of a region that are freed, for each state; a magnitude has two, where rows of signs would have one. With three in
 all 1 of 22 decisions over eight states loses 2 %, and lotteries over six states up to 6 %. With two a state 720 decisions and

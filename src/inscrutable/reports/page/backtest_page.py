@@ -90,8 +90,8 @@ def _lead(result: Backtest) -> PagePicture | None:
         f"The marks are the errors of two observers under each decision maker, over {len(result.beliefs)} {word}s. A belief is "
         "hidden where its mark is right of the grey zone and not crossed out; a cross says that the observer names the regime "
         f"too often. The dashed line is the error without weights in these {word}s. The ceiling is the largest error that any "
-        f"rule of the same cost leaves the aware observer in the long run{there}; the naive one may err more, and so may the "
-        f"aware one in few {word}s."
+        f"rule of the same long-run regret leaves the aware observer in the long run{there}; the naive one may err more, and "
+        f"so may the aware one in few {word}s."
     )
     return PagePicture("Error of two observers", caption, drawn[0]) if drawn else None
 

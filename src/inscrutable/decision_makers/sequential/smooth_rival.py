@@ -280,7 +280,7 @@ class SmoothRival:
             mixed[m, own] += ratios[m] @ flat
         beliefs, curves = (each.reshape(-1, *each.shape[2:]) for each in (point.beliefs, point.curves))
         sums = ((weights * rows) @ flat).reshape(beliefs.shape)
-        held = sums.sum(axis=-1, keepdims=True)
+        held = np.maximum(sums.sum(axis=-1, keepdims=True), tolerances.TINY)
         apart = (sums - held * beliefs).reshape(-1)
         roots = _roots(curves, held)
         hessian /= self.price
@@ -293,6 +293,9 @@ class SmoothRival:
         found = solved[:, 0] + solved[:, 1:] @ change
         ahead = (apart + mixed.T @ change - hessian @ (roots @ found)).reshape(beliefs.shape) / held
         step = (ahead - ahead.sum(axis=-1, keepdims=True) * beliefs).reshape(point.beliefs.shape)  # C y = 0
+        step[ratios.sum(axis=1) <= tolerances.RARELY_PLAYED] = (
+            0.0  # rounding: next to nothing of it is played after the step
+        )
         shares = np.repeat(
             point.law / np.maximum(point.law, tolerances.SEEN_DECISION), size
         )  # Φ depends on answers to played decisions alone

@@ -172,12 +172,14 @@ class Step:
 class StepRule:
     """The rule at fixed prices."""
 
-    def __init__(self, table: StepTable, prices: Prices) -> None:
+    def __init__(
+        self, table: StepTable, prices: Prices, least_price: float = tolerances.LEAST_INFORMATION_PRICE
+    ) -> None:
         self.table, self.prices = table, prices
         stakes, unit = table.stakes, table.unit
         asked = prices.information
         self._informs_only = bool(np.isinf(asked))
-        self.price = 1.0 if self._informs_only else max(asked, tolerances.LEAST_INFORMATION_PRICE * unit)
+        self.price = 1.0 if self._informs_only else max(asked, least_price * unit)
         self._first_price = 1.0 if self._informs_only else _SMALL_PRICE * unit
         found = self._values(table.regrets, table.allowed)
         self._offers = np.ascontiguousarray((found if self._informs_only else found + stakes.base[:, None]).T)

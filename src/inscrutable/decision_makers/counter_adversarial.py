@@ -28,7 +28,7 @@ from inscrutable.decision_makers.results import (
 )
 from inscrutable.decision_makers.scores import Scores, score
 from inscrutable.decision_makers.search.goal import Goal
-from inscrutable.decision_makers.search.region_search import best_in_regions, farthest_corners, remove_rounding
+from inscrutable.decision_makers.search.region_search import best_in_regions, farthest_corners
 from inscrutable.decision_makers.search.smooth import Trial, polish
 from inscrutable.errors import InputError
 from inscrutable.privacy import PrivacyMeasure
@@ -152,7 +152,6 @@ def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> D
     space = case.space
     aims, optimal_costs = space.aims(case.measure, case.budget, beliefs)
     found = best_in_regions(space, aims, progress)
-    remove_rounding(space, aims, *found[:4])
     bound = farthest_corners(aims.points) if aims.sign > 0 else np.zeros(len(beliefs))
     status = tuple(_KINDS[np.where(found.is_polished, 0, 1 if aims.sign > 0 else 2)])
     atoms = space.decisions(found.actions), found.regrets, found.privacies, found.decoys

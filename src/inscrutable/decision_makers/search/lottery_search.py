@@ -21,7 +21,6 @@ from inscrutable.decision_makers.search.region_search import (
     SomeStarts,
     cut,
     read,
-    remove_rounding,
     search,
     starts_at,
     starts_in,
@@ -234,9 +233,7 @@ class _Block:
         double = self.right != _NONE
         ends = np.column_stack([self.left, np.where(double, self.right, self.left)])
         at, count = (np.repeat(steps, 2), ends.ravel()), len(steps)
-        limits = np.column_stack([self.aims.limits, np.where(double, np.inf, self.aims.limits)]).ravel()
-        atoms = [column[at] for column in (self.actions, self.decoys, self.privacies, self.regrets)]
-        remove_rounding(self.space, cut(self.aims, at[0])._replace(limits=limits), *atoms)
+        atoms = (column[at] for column in (self.actions, self.decoys, self.privacies, self.regrets))
         actions, decoys, privacies, regrets = (column.reshape(count, 2, *column.shape[1:]) for column in atoms)
         # Rounding must not carry the expected regret over the budget.
         spare = np.maximum(self.aims.limits * (1.0 - tolerances.BUDGET_SAFETY) - regrets[:, 0], 0.0)

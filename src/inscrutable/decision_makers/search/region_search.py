@@ -227,7 +227,7 @@ def writable_basis(n_states: int) -> Array:
 
 
 def best_in_regions(space: SearchSpace, aims: Aims, progress: Progress | None = None) -> Best:
-    """Return the best decisions, with their rounding errors: the optimal ones where nothing better was found.
+    """Return the best decisions: the optimal ones where nothing better was found.
 
     Cost: one look at all candidates a belief and some dozen climbs; memory besides the result is that of a block.
     """
@@ -262,7 +262,10 @@ def values_of(reached: Explored) -> Array:
 
 
 def read(space: SearchSpace, aims: Aims, reached: Explored, steps: np.ndarray, entries: np.ndarray) -> Best:
-    """Return some entries (n,) of beliefs `steps` (n,); the privacy is −∞ where nothing was found."""
+    """Return some entries (n,) of beliefs `steps` (n,); the privacy is −∞ where nothing was found.
+
+    A decoy slightly outside the simplex, by rounding, is moved onto it.
+    """
     privacies = values_of(reached)[steps, entries]
     actions = np.zeros((len(steps), space.actions.shape[1]))
     decoys = np.full((len(steps), aims.beliefs.shape[1]), np.nan)
@@ -272,26 +275,10 @@ def read(space: SearchSpace, aims: Aims, reached: Explored, steps: np.ndarray, e
     read_actions(*at, space.partition.arrays, reached, placed)
     actions[found], decoys[found], privacies[found] = placed, optima.nearest[at], optima.privacy[at]
     regrets[found], prices[found] = optima.regret[at], optima.price[at]
+    off = np.flatnonzero((decoys < -tolerances.EXPLAINED).any(axis=1))
+    decoys[off] = np.maximum(decoys[off], 0.0) / np.maximum(decoys[off], 0.0).sum(axis=1, keepdims=True)
+    privacies[off] = aims.sign * np.linalg.norm(decoys[off] - aims.points[steps[off]], axis=1)
     return Best(actions, decoys, privacies, regrets, prices, privacies > -np.inf, reached.region[steps, entries])
-
-
-def remove_rounding(
-    space: SearchSpace, aims: Aims, actions: Array, decoys: Array, privacies: Array, regrets: Array
-) -> None:
-    """Remove rounding errors from the decisions found for beliefs (T,X). A decoy slightly outside the simplex is projected onto
-    it. A decision that no belief explains is replaced by the optimal decision for its decoy, if that is affordable."""
-    problem, found = space.problem, np.flatnonzero(privacies > -np.inf)
-    for t in found[(decoys[found] < -tolerances.EXPLAINED).any(axis=1)]:
-        decoys[t] = np.maximum(decoys[t], 0.0) / np.maximum(decoys[t], 0.0).sum()
-        privacies[t] = aims.sign * np.linalg.norm(decoys[t] - aims.points[t])
-    blocks = np.split(found, range(_BLOCK, len(found), _BLOCK))
-    empty = np.concatenate([consistent_sets(problem, actions[block]).dimension < 0 for block in blocks])
-    for t in found[empty]:
-        decoy = np.maximum(decoys[t], 0.0) / np.maximum(decoys[t], 0.0).sum()
-        action = problem.solve_points(decoy)
-        regret = max(float(problem.regret(aims.beliefs[t], action)), 0.0)
-        if regret <= aims.limits[t]:
-            actions[t], decoys[t], regrets[t] = action, decoy, regret
 
 
 def _report(progress: Progress, before: int, count: int, done: int, _: int) -> None:

@@ -33,7 +33,7 @@ bounds are up to .02 % of the prior loss larger; with .5, five up to .06 %, in 1
 _LAST_PRICE = 0.1
 """Price of information of the last step, in least prices of a rule, from whose estimates the bound is taken. With the least
 price itself, 40 bounds on three to eight beliefs are 2e-4 of the prior loss above the largest loss, at most 4e-4; with this
-one 2e-5, at most 4e-5."""
+one 2e-5, at most 7e-5."""
 _BESIDE = 0.95
 """Factor to the next price where a step was not solved: none of 162 in these 24."""
 

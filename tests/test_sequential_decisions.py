@@ -35,8 +35,8 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.decision_makers.sequential import calibration, state
-from inscrutable.decision_makers.sequential.ceiling import _bound
-from inscrutable.decision_makers.sequential.step import Prices
+from inscrutable.decision_makers.sequential.ceiling import bound_at
+from inscrutable.decision_makers.sequential.step import Prices, StepRule
 from inscrutable.errors import InputError, SolverError
 from inscrutable.filtering import filter_beliefs
 from inscrutable.mechanisms.chains import BeliefChain, filtered_chain, resting_chain
@@ -205,9 +205,10 @@ def test_the_ceiling_is_the_least_bound_of_all_prices(fresh_rng: np.random.Gener
     best = table.prior_loss / silence
     for width in (20.0, 2.4, 1.3, 1.08, 1.025):  # a grid, and four finer ones about its least bound: a kink
         prices = best * np.geomspace(1.0 / width, width, 8)
-        found = {price: bound for price in prices if (bound := _bound(table, price, maker.limit)) is not None}
-        best = min(found, key=lambda price: found[price].value)
-    assert maker.ceiling == pytest.approx(found[best].value, rel=2e-3)
+        steps = {price: StepRule(table, Prices(price, 0.0)).step(table.prior.weights) for price in prices}
+        found = {price: bound_at(table, price, maker.limit, step) for price, step in steps.items()}
+        best = min(found, key=lambda price: found[price])
+    assert maker.ceiling == pytest.approx(found[best], rel=2e-3)
 
 
 def test_a_price_is_found_where_regret_falls_steeply(fresh_rng: np.random.Generator) -> None:

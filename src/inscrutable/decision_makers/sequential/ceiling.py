@@ -38,70 +38,80 @@ _BESIDE = 0.95
 """Factor to the next price where a step was not solved: none of 162 in these 24."""
 
 
-class _Bound(NamedTuple):
-    """A bound at a price, and the line below the bounds at all prices: E L + s (r − E ρ) of the step at that price."""
+class _Line(NamedTuple):
+    """The step at a price, and the line below the bounds at all prices: E L + s (r − E ρ) of that step."""
 
     price: float
-    value: float
-    line: float  # at the price 0
-    slope: float
+    step: Step
+    limit: float
 
-    def below(self, price: float) -> float:
+    @property
+    def slope(self) -> float:
+        """r − E ρ."""
+        return self.limit - self.step.regret
+
+    def at(self, price: float) -> float:
         """Return what no bound at a price can be less than."""
-        return self.line + self.slope * price
+        return self.step.loss + self.slope * price
 
-    def meeting(self, other: _Bound) -> float:
+    def meeting(self, other: _Line) -> float:
         """Return the price at which two lines of different slopes meet."""
-        return (other.line - self.line) / (self.slope - other.slope)
+        return (other.step.loss - self.step.loss) / (self.slope - other.slope)
 
 
 def ceiling_of(table: StepTable, limit: float) -> float:
     """Return a bound on the mean loss at a mean regret, for rules on the table's decisions."""
-    law = table.prior.weights
-    silence = float((law @ table.regrets).min())
-    unit = table.unit
+    silence = float((table.prior.weights @ table.regrets).min())
     rounding = tolerances.COST_ROUNDING * float(np.abs(table.optimal_costs).max())
-    if silence <= limit + rounding or not unit > 0:
+    if silence <= limit + rounding or not table.unit > 0:
         return table.prior_loss
-    price = unit / silence
-    best: _Bound | None = None
-    low: _Bound | None = None
-    high: _Bound | None = None
+    best = _best_price(table, limit, table.unit / silence)
+    if best is None:
+        return table.prior_loss
+    last = _step(table, best.price, _LAST_PRICE * tolerances.LEAST_INFORMATION_PRICE)
+    return min(table.prior_loss, bound_at(table, best.price, limit, last or best.step))
+
+
+def _best_price(table: StepTable, limit: float, price: float) -> _Line | None:
+    """The least line at the price that it was found at, from a first price; None where no step was solved."""
+    best: _Line | None = None
+    low: _Line | None = None
+    high: _Line | None = None
     for _ in range(_MOST_PRICES):
-        found = _bound(table, price, limit)
-        if found is None:
+        step = _step(table, price)
+        if step is None:
             price *= _BESIDE
             continue
-        if best is None or found.below(found.price) < best.below(best.price):
+        found = _Line(price, step, limit)
+        if best is None or found.at(price) < best.at(best.price):
             best = found
         low, high = (found, high) if found.slope < 0 else (low, found)
         if low is None or high is None:
             price *= 2.0 if high is None else 0.5
             continue
         price = low.meeting(high)
-        if best.below(best.price) - low.below(price) <= tolerances.CEILING_GAP * unit:
+        if best.at(best.price) - low.at(price) <= tolerances.CEILING_GAP * table.unit:
             break
         edge = _INSIDE * (high.price - low.price)
         price = float(np.clip(price, low.price + edge, high.price - edge))
-    last = None if best is None else _bound(table, best.price, limit, _LAST_PRICE * tolerances.LEAST_INFORMATION_PRICE)
-    return min([table.prior_loss, *(each.value for each in (best, last) if each is not None)])
+    return best
 
 
-def _bound(
-    table: StepTable, price: float, limit: float, least: float = tolerances.LEAST_INFORMATION_PRICE
-) -> _Bound | None:
-    """The bound at a price, with the estimates of the step of the least price of information; None where it fails."""
-    law = table.prior.weights
+def _step(table: StepTable, price: float, least: float = tolerances.LEAST_INFORMATION_PRICE) -> Step | None:
+    """The step at a price of regret and the least price of information; None where it is not solved."""
     try:
-        step = StepRule(table, Prices(price, 0.0), least).step(law)
+        return StepRule(table, Prices(price, 0.0), least).step(table.prior.weights)
     except SolverError:
         return None
+
+
+def bound_at(table: StepTable, price: float, limit: float, step: Step) -> float:
+    """Return the bound at a price, with the estimates of a step at that price."""
     stakes, estimates = _all_estimates(table, step, price)
     worth = stakes.gains(estimates) - price * table.regrets
     if table.allowed is not None:
         worth = np.where(table.allowed, worth, -np.inf)
-    value = float(law @ (worth.max(axis=1) + table.stakes.spare)) + price * limit
-    return _Bound(price, value, step.loss, limit - step.regret)
+    return float(table.prior.weights @ (worth.max(axis=1) + table.stakes.spare)) + price * limit
 
 
 def _all_estimates(table: StepTable, step: Step, price: float) -> tuple[Stakes, Array]:

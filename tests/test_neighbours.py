@@ -142,6 +142,9 @@ def test_weights_as_other_packages_give_them():
         found = ins.weights_of(given)
         assert list(found.columns) == ASSETS
         assert found.index.equals(times)
+    named_w = pd.DataFrame({"v": [0.4, 0.5], "w": [0.6, 0.5]})  # pandas gives the column as the attribute w
+    pd.testing.assert_frame_equal(ins.weights_of(named_w), named_w)
+    pd.testing.assert_frame_equal(ins.weights_of(named_w.loc[0]), named_w.loc[:0])
     for wrong, said in (
         ({}, "empty mapping"),
         ("A", "weights must be a mapping"),

@@ -77,7 +77,8 @@ def _is_upright(held: pd.DataFrame) -> bool:
 
 
 def _frame(given: Any) -> pd.DataFrame:
-    held = getattr(given, "w", given)
+    labelled = isinstance(given, (Mapping, pd.Series, pd.DataFrame))  # pandas gives the asset w as an attribute
+    held = given if labelled else getattr(given, "w", given)
     if isinstance(held, Mapping):
         if not held:
             raise InputError("the weights are an empty mapping; expected one number per asset")

@@ -29,6 +29,7 @@ from inscrutable.experiments.backtest_aware import beliefs_resolution, rivals_ch
 from inscrutable.experiments.cell_mechanism import N_NEAREST, cell_beliefs
 from inscrutable.experiments.episodes import Record, relative_increase
 from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.experiments.own_model import OwnModel
 from inscrutable.reports.backtest import table_of, text_of, timing_of, write_backtest
 from inscrutable.reports.backtest_verdict import limits, verdict
 from inscrutable.reports.names import FULL_NAMES
@@ -369,6 +370,30 @@ def test_beliefs_of_the_users_own() -> None:
         run(returns, beliefs=given.assign(third=0.0))
     with pytest.raises(InputError, match=r"belief of 2010-01-31 sums to 1\.1"):
         run(returns, beliefs=given.assign(calm=[0.3] + [0.5] * 8, turbulent=[0.7, 0.6] + [0.5] * 7))
+
+
+OWN = """{note}
+[regimes]
+names = ["calm", "wild"]
+assets = ["Bonds & bills", "Ölwerte", "3M"]
+transition = [[0.9, 0.1], [0.2, 0.8]]
+means = [[0.03, 0.02, 0.01], [-0.02, 0.0, 0.01]]
+covariances = [
+  [[0.0004, 0.0, 0.0], [0.0, 0.0004, 0.0], [0.0, 0.0, 0.0004]],
+  [[0.005, 0.0, 0.0], [0.0, 0.005, 0.0], [0.0, 0.0, 0.005]],
+]
+"""
+
+
+@pytest.mark.usefixtures("coarse")
+@pytest.mark.parametrize(
+    ("note", "kept"), [('note = "my view of 2009"', "my view of 2009"), ("", "regimes as given by the model file")]
+)
+def test_regimes_of_the_users_own_are_not_called_fitted(tmp_path: Path, note: str, kept: str) -> None:
+    (tmp_path / "own.toml").write_text(OWN.format(note=note), "utf-8")
+    found = run(market(), replace(SETTINGS, own=OwnModel.load(tmp_path / "own.toml")))
+    assert found.investor.note.split("; ")[0] == kept
+    assert re.findall(r".*\bfitted", text_of(found)) == ["Regimes as the model gives them, nothing is fitted"]
 
 
 def test_other_measures_and_budgets() -> None:

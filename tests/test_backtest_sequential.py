@@ -168,7 +168,7 @@ def test_what_is_said_of_it(found: Backtest, tmp_path: Path) -> None:
     assert prices.loss - 4.0 * prices.loss_se <= figures["error_ceiling"] ** 2
     said = "\n".join(limits(found))
     asked = (
-        r"long run of the fitted regimes (\S+) basis points a month on average \(50% of the (\S+) that silence costs\)"
+        r"long run of the model's regimes (\S+) basis points a month on average \(50% of the (\S+) that silence costs\)"
     )
     spent = re.search(asked, said)
     assert spent is not None
@@ -176,7 +176,7 @@ def test_what_is_said_of_it(found: Backtest, tmp_path: Path) -> None:
     prior = found.sequential.maker.chain.prior
     silence = silence_regret(found.problem, prior.beliefs, prior.weights)
     assert found.sequential.maker.limit == pytest.approx(0.5 * silence)
-    assert f"and {1e4 * silence:.2f} in the long run of the fitted regimes (the silence regret" in notes_of(found)[-1]
+    assert f"and {1e4 * silence:.2f} in the long run of the model's regimes (the silence regret" in notes_of(found)[-1]
     assert f"on the SDM's grid of {len(prior)} beliefs, of which its default budget is a share)" in notes_of(found)[-1]
     assert (
         f"and {figures['error_ceiling']:.2f} there. The error without weights is "
@@ -197,7 +197,7 @@ def test_a_ceiling_is_that_of_the_regret_beside_it(found: Backtest) -> None:
     assert found.sequential is not None
     assert found.aware is not None
     table, prior = table_of(found), found.aware.prior
-    (spent,) = (label for label in table.index if label.startswith("  regret in the long run of the fitted regimes"))
+    (spent,) = (label for label in table.index if label.startswith("  regret in the long run of the model's regimes"))
     (most,) = (label for label in table.index if label.startswith("  ceiling"))
     maker = CounterAdversarialDecisionMaker(
         found.problem, found.settings.measure, found.budget, candidates=found.candidates
@@ -208,7 +208,7 @@ def test_a_ceiling_is_that_of_the_regret_beside_it(found: Backtest) -> None:
     for name in found.names[1:]:
         assert table.loc[most, name] == pytest.approx(found.sequential.ceiling(1e-4 * table.loc[spent, name]))
     points = [f"{float(f'{each:.2g}'):g}" for each in table.loc[spent, "CDM":]]
-    told = f"long run of the fitted regimes ({points[0]}, {points[1]} and {points[2]} basis points a month), no rule"
+    told = f"long run of the model's regimes ({points[0]}, {points[1]} and {points[2]} basis points a month), no rule"
     assert told in "\n".join(limits(found))
 
 

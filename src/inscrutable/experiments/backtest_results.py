@@ -121,11 +121,12 @@ class Backtest:
         """The investor's model that an observer may know, as `model.json` stores it."""
         kept = self.world  # a public sensor of other numbers is no part of the file
         world = HiddenMarkovModel(kept.transition, kept.emission, kept.initial, names=kept.names)
-        until = self.settings.train_until
-        note = "; ".join([f"regimes fitted to {len(self.assets)} assets up to {until}", *self.doubts])
-        limit = self.settings.turnover
+        own, limit = self.settings.own, self.settings.turnover
+        note = f"regimes fitted to {len(self.assets)} assets up to {self.settings.train_until}"
+        if own is not None and own.world is not None:
+            note = own.file.note or "regimes as given by the model file"
+        note = "; ".join([note, *self.doubts])
         made = InvestorModel(world, self.problem, self.assets, self.regimes, self.budget, note, limit)
-        own = self.settings.own
         limits = LimitsPart() if own is None else own.limits(self.assets)
         return replace(made, step=step_of(self.beliefs.index), reads=self._reads_more, limits=limits)
 

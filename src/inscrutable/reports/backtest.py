@@ -156,7 +156,7 @@ def _rows(result: Backtest) -> list[_Row]:
             ".1f",
         ),
         _Row("error_followed", "  error of its estimate from all so far, r.m.s.", style=".3f"),
-        _Row("mean_regret_long_run", "  regret in the long run of the fitted regimes, mean, bp", _BASIS_POINTS),
+        _Row("mean_regret_long_run", "  regret in the long run of the model's regimes, mean, bp", _BASIS_POINTS),
         _Row("error_ceiling", "  ceiling: largest such error there of any rule of that regret", style=".3f"),
         _Row("bits_followed", "  leakage of one more decision, bits"),
         *_disclosed_rows(result),
@@ -237,14 +237,14 @@ def _all_public(result: Backtest) -> str:
 
 
 def _misled(result: Backtest) -> str:
-    """A sentence for the case that public information raises the error, because the fitted regimes are not the truth."""
+    """A sentence for the case that public information raises the error, because the model's regimes are not the truth."""
     figures = result.figures[result.names[0]]
     following, blind = figures["error_public_without"], figures["error_without"]
     if not following > blind:
         return ""
     return (
         f" Here that misleads it: it errs by {following:.3f} without weights, and by {blind:.3f} where it looks at nothing. In "
-        "the fitted regimes, were they the truth, more public information would never do harm."
+        "the model's regimes, were they the truth, more public information would never do harm."
     )
 
 
@@ -291,7 +291,7 @@ def _silence_notes(result: Backtest) -> list[str]:
         prior = part.maker.chain.prior
         most = _BASIS_POINTS * silence_regret(result.problem, prior.beliefs, prior.weights)
         costs.append(
-            f"{most:.2f} in the long run of the fitted regimes (the silence regret on the {SEQUENTIAL}'s grid of {len(prior)} "
+            f"{most:.2f} in the long run of the model's regimes (the silence regret on the {SEQUENTIAL}'s grid of {len(prior)} "
             "beliefs, of which its default budget is a share)"
         )
     return [f"Silence, a constant portfolio, costs {listed(costs)}."]
@@ -331,11 +331,11 @@ def _aware_notes(result: Backtest) -> list[str]:
         return ["The target changes from step to step, so no aware observer is modelled."]
     prior, word = result.aware.prior, result.market.frequency.word
     return [
-        "Aware observer: knows each decision maker, budget included, and the long-run law of the belief in the fitted "
+        "Aware observer: knows each decision maker, budget included, and the long-run law of the belief in the model's "
         f"regimes (a grid of {len(prior)} beliefs, {prior.entropy:.2f} bits); it knows the decisions of beliefs "
         "in every cell of the grid, finds those nearest to the one it sees, and takes the posterior mean over their cells: "
         "optimal weights tell it a cell, not the belief. Over time it remembers every decision and knows the Markov chain of "
-        f"the belief in the fitted regimes, with a probability of 1% a {word} of any other belief.",
+        f"the belief in the model's regimes, with a probability of 1% a {word} of any other belief.",
         _worth_note(result),
     ]
 
@@ -368,12 +368,12 @@ def _sequential_notes(result: Backtest) -> list[str]:
     most = part.maker.limit * _BASIS_POINTS
     share = "" if result.settings.budget is not None else f", {SHARE_OF_SILENCE:.0%} of the silence regret"
     ceiling = [
-        "Ceiling: no rule of the same mean regret in the long run of the fitted regimes leaves an observer who follows it a "
+        "Ceiling: no rule of the same mean regret in the long run of the model's regimes leaves an observer who follows it a "
         f"larger error, in expectation there, on that grid and {len(part.maker.table.columns)} candidate portfolios."
     ]
     return [
         "SDM, the sequential rule, depends on the aware observer's law of the belief, and so on all decisions before: rows on "
-        f"single decisions do not apply to it. It may spend {most:.2f} bp per {word} on average in the long run of the fitted "
+        f"single decisions do not apply to it. It may spend {most:.2f} bp per {word} on average in the long run of the model's "
         f"regimes{share}, and spends {part.path.own_regrets.mean() * _BASIS_POINTS:.2f} here, in expectation over each draw. "
         f"It was made by simulation on a grid of {beliefs} beliefs; {part.path.n_off_grid} of {len(result.beliefs)} beliefs "
         "here are off that grid.",

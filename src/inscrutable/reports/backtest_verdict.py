@@ -259,7 +259,7 @@ def _budgets(result: Backtest, hiding: Sequence[str]) -> str:
         return said
     share = f" ({SHARE_OF_SILENCE:.0%} of the {_basis_points(part.silence_regret)} that silence costs)"
     return (
-        f"{said} {SEQUENTIAL}: in the long run of the fitted regimes {_basis_points(part.maker.limit)} basis points a {word} "
+        f"{said} {SEQUENTIAL}: in the long run of the model's regimes {_basis_points(part.maker.limit)} basis points a {word} "
         f"on average{share if result.settings.budget is None else ''}; a single {word} may cost more."
     )
 
@@ -328,7 +328,7 @@ def _of_other_law(result: Backtest) -> list[str]:
     if result.aware is None or not reads or result.public.number:
         return []
     return [
-        f"The aware observer's law of the belief is that of the fitted regimes, without {reads}: one who knows how these move "
+        f"The aware observer's law of the belief is that of the model's regimes, without {reads}: one who knows how these move "
         "the belief may read more."
     ]
 
@@ -356,7 +356,7 @@ def _ceilings(result: Backtest) -> list[str]:
     spent = listed([_basis_points(each["mean_regret_long_run"]) for each in known.values()])
     word = result.market.frequency.word
     return [
-        f"Ceiling: at the regret of {names} in the long run of the fitted regimes ({spent} basis points a {word}), "
+        f"Ceiling: at the regret of {names} in the long run of the model's regimes ({spent} basis points a {word}), "
         f"no rule on the candidate portfolios leaves the aware observer an error above {most} there. The error without weights "
         f"is {without:.2f} there; in these {word}s it is {here:.2f}, because their beliefs lie {where} the long-run mean."
     ]
@@ -442,7 +442,7 @@ def _poor_estimates(result: Backtest) -> tuple[set[str], str]:
     here, there = figures[result.names[0]]["error_without"], result.aware.prior.error
     if here > max(_ANOTHER_LAW * there, tolerances.SAME_BELIEF):
         return set(figures), (
-            "The aware observer expects the belief's long-run law in the fitted regimes, and these beliefs follow another: "
+            "The aware observer expects the belief's long-run law in the model's regimes, and these beliefs follow another: "
             f"without weights it errs by {here:.2f} instead of {there:.2f}. One who knows their law may read them."
         )
     others = {name: each for name, each in figures.items() if name != SEQUENTIAL}  # whose grid is that of its observer

@@ -378,7 +378,7 @@ def _followed_figures(result: Backtest) -> list[PageFigure]:
         without = result.sequential.maker.chain.prior.error
         ceiling = (
             " Dashed, over the later half, are the ceilings: the most that any rule of the same regret in the long run of the "
-            f"fitted regimes leaves there. The error without weights is {without:.2f} there."
+            f"model's regimes leaves there. The error without weights is {without:.2f} there."
         )
     return [
         PageFigure(

@@ -41,7 +41,7 @@ from inscrutable.datasets import (
 )
 from inscrutable.experiments.attack import Reading, attack_weights
 from inscrutable.experiments.investor_model import InvestorModel
-from inscrutable.experiments.own_model import OwnModel, investor_of
+from inscrutable.experiments.own_model import OwnModel, RegimesPart, investor_of
 from inscrutable.experiments.silence import budget_in
 from inscrutable.experiments.weight_limits import LimitsPart
 from inscrutable.problems.magnitudes import MagnitudeRegion
@@ -291,6 +291,16 @@ def test_odd_models_are_named(case, tmp_path):
         investor_of(path)
     assert message in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+def test_the_first_probabilities_are_those_of_the_first_row(tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    path.write_text(MODEL.replace("means =", "initial = [1.0, 0.0]\nmeans =").replace("{more}", ""))
+    crash = pd.DataFrame([[-0.2, 0.0, -0.3]], columns=ASSETS)
+    np.testing.assert_allclose(investor_of(path).belief_after(crash), [0.95, 0.05], atol=1e-12)
+    told = RegimesPart.model_fields["initial"].description
+    assert told is not None
+    assert told.startswith("probability of each regime in the first row,")
 
 
 # Wrong calls of the verbs: arguments (M is the model, W weights, B a broker's file), exit code, what is said.

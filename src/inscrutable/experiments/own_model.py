@@ -57,7 +57,8 @@ class RegimesPart(Section):
     )
     transition: Matrix = Field(description="probability of each regime in the next row, one row per regime")
     initial: Vector | None = Field(
-        default=None, description="probability of each regime before the first row; the long run's"
+        default=None,
+        description="probability of each regime in the first row, before its returns are seen; the long run's",
     )
     means: Matrix | None = Field(default=None, description="mean simple returns as fractions: regimes by assets")
     means_file: str | None = Field(

@@ -278,6 +278,12 @@ MODELS = {
     "an indefinite covariance": ("[0.002, 0.0004, 0.0006]", "[-0.002, 0.0004, 0.0006]", "covariances"),
     "a means file that is not there": (
         "means = [[0.008, 0.007, 0.012], [-0.02, 0.002, -0.03]]", 'means_file = "no.csv"', "does not exist"),
+    "a file for the means": (
+        "means = [[0.008, 0.007, 0.012], [-0.02, 0.002, -0.03]]", 'means = "means.csv"',
+        "key regimes.means: should be a list, got 'means.csv'; the key for a file is means_file"),
+    "files for the covariances": (
+        "covariances = [", 'covariances = ["calm.csv", "crisis.csv",',
+        "key regimes.covariances[0]: should be a list, got 'calm.csv'; the key for a file is covariance_files (and 1 more"),
     "an asset twice": ('"Oil", "Food", "Tech"]', '"Oil", "Oil", "Tech"]', "Oil"),
 }  # fmt: skip
 

@@ -34,6 +34,8 @@ from inscrutable.problems import MarkowitzProblem, Polyhedron
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
 
 Names = Annotated[list[Label], Field(min_length=1)]
+_FILES = {"means": "means_file", "covariances": "covariance_files"}
+"""Keys of numbers, and those that name files of them."""
 
 
 class InvestorPart(Section):
@@ -76,8 +78,7 @@ class RegimesPart(Section):
             InputError: Means or covariances are given twice or are missing, or sizes or labels disagree.
             ModelError: A matrix has no meaning as such.
         """
-        for key in ("means", "covariances"):
-            file = "means_file" if key == "means" else "covariance_files"
+        for key, file in _FILES.items():
             if (getattr(self, key) is None) == (getattr(self, file) is None):
                 raise InputError(f"give one of {key} and {file}")
         names, assets = tuple(self.names), None if self.assets is None else tuple(self.assets)
@@ -275,7 +276,10 @@ def _said(problem: Any, source: TomlSource) -> str:
         return f"{where}: there is no such key{nearest(str(place[-1]), known)}; expected one of: {', '.join(known)}"
     if problem["type"] == "missing":
         return f"{source.at(place[:-1]) if place[:-1] else source.name}: the key {place[-1]} is missing"
-    return f"{where}: {expected(problem)}, got {shortened(problem['input'])}"
+    told = f"{where}: {expected(problem)}, got {shortened(problem['input'])}"
+    is_text = problem["type"] == "list_type" and isinstance(problem["input"], str)
+    file = _FILES.get(str(place[1])) if is_text else None
+    return told if file is None else f"{told}; the key for a file is {file}"
 
 
 def _keys(place: Place) -> list[str]:

@@ -508,8 +508,9 @@ def test_a_model_goes_to_disk_with_limits_on_magnitudes(tmp_path):
         ("sector_cap = 0.5", "sector_cap: sector_cap and sectors go together"),
         ("shortable = ['Ore']\nlong_short = 1.5", "shortable: shortable has 'Ore'"),
         ("long_short = 0.5", "long_short: gross limit 0.5 is below"),
-        ('max_weight = "40%"', "max_weight: should be a number, got '40%'"),
-        ('max_weight = { Oil = "40%" }', "max_weight.Oil: should be a number, got '40%'"),
+        ('max_weight = "forty"', "max_weight: should be a number, got 'forty'"),
+        ('max_weight = { Oil = "%" }', "max_weight.Oil: should be a number, got '%'"),
+        ('max_weight = "140%"', "max_weight: should be less than or equal to 1, got 1.4"),
     ],
 )
 def test_a_limit_that_is_wrong_is_named_with_its_line(tmp_path, line, said):
@@ -521,6 +522,20 @@ def test_a_limit_that_is_wrong_is_named_with_its_line(tmp_path, line, said):
         investor_of(path)
     assert "number below" not in str(found.value)
     assert "more mistake" not in str(found.value)
+
+
+def test_limits_of_a_file_may_be_percentages(tmp_path: Path) -> None:
+    path, found = tmp_path / "model.toml", []
+    sectors = "sectors = { goods = ['Oil', 'Food'] }\nlong_short"
+    for text in (
+        f"max_weight = 0.6\nmin_weight = {{ Oil = 0.05 }}\nturnover = 0.3\nsector_cap = 0.8\n{sectors} = 1.4",
+        f"max_weight = '60%'\nmin_weight = {{ Oil = '5 %' }}\nturnover = '30%'\nsector_cap = '80%'\n{sectors} = '140%'",
+    ):
+        path.write_text(MODEL.replace("{more}", f"[constraints]\n{text}"))
+        found.append(investor_of(path))
+    numbers, percentages = found
+    assert percentages.turnover == numbers.turnover == 0.3
+    assert percentages.limits == numbers.limits
 
 
 def test_limits_of_a_file_are_the_problem_s(tmp_path):

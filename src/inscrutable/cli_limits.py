@@ -67,12 +67,12 @@ class WeightOptions:
 
 def share_of(text: str, option: str) -> float:
     """Return the number of "0.25" or "25%"; what can only be a percentage needs its sign."""
-    number, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
-    try:
-        share = float(number) / (100.0 if percent else 1.0)
-    except ValueError:
-        raise UsageError(f"{option} {text}: expected a number such as 0.25 or 25%") from None
-    if not percent and share > _LARGEST.get(option, _LARGEST_WEIGHT):
+    from inscrutable.experiments.sections import written_share
+
+    share = written_share(text)
+    if not isinstance(share, float):
+        raise UsageError(f"{option} {text}: expected a number such as 0.25 or 25%")
+    if not text.strip().endswith("%") and share > _LARGEST.get(option, _LARGEST_WEIGHT):
         raise UsageError(f"{option}: {text} is {share:.6g} times the portfolio; write {text}% for per cent of it")
     return share
 

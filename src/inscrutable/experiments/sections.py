@@ -52,6 +52,15 @@ def _composed(label: str) -> str:
     return unicodedata.normalize("NFC", label)
 
 
+def written_share(value: Any) -> Any:
+    """Return the number of "0.25" or "25%", and any other value as it is."""
+    try:
+        number = float(value.strip().removesuffix("%"))
+    except (AttributeError, ValueError):
+        return value
+    return number / (100.0 if value.strip().endswith("%") else 1.0)
+
+
 Label = Annotated[str, AfterValidator(_composed)]
 Grid = Annotated[
     tuple[_Entry, ...], BeforeValidator(_listed), Field(min_length=1, strict=False), AfterValidator(_distinct)
@@ -64,6 +73,8 @@ Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Probability = Annotated[float, Field(ge=0, le=1)]
 Likely = Annotated[float, Field(gt=0, le=1)]
+WRITTEN_SHARE = BeforeValidator(written_share)
+Share = Annotated[float, WRITTEN_SHARE]
 Count = Annotated[int, Field(ge=1)]
 AtLeastTwo = Annotated[int, Field(ge=2)]
 _PAIR = (BeforeValidator(_listed), Field(strict=False), AfterValidator(_ascending))

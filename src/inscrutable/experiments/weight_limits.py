@@ -12,7 +12,7 @@ from pydantic import Field
 
 from inscrutable.datasets import read_sectors
 from inscrutable.errors import InputError
-from inscrutable.experiments.sections import Label, Likely, NonNegative, Section
+from inscrutable.experiments.sections import WRITTEN_SHARE, Label, Likely, NonNegative, Section, Share
 from inscrutable.problems import Polyhedron, group_caps, long_short, max_weights, min_weights
 
 Saying = Callable[[str], AbstractContextManager[Any]]
@@ -22,27 +22,27 @@ _MOST_GROSS = 100.0  # likewise: 160 for 160 %
 
 
 class LimitsPart(Section):
-    """Limits on weights. Without `long_short` weights are nonnegative and sum to one."""
+    """Limits on weights, each as 0.25 or "25%". Without `long_short` weights are nonnegative and sum to one."""
 
-    max_weight: Likely | dict[Label, float] | None = Field(
+    max_weight: Annotated[Likely, WRITTEN_SHARE] | dict[Label, Share] | None = Field(
         default=None, description="most of every asset, or a table of assets and theirs"
     )
-    min_weight: float | dict[Label, float] | None = Field(
+    min_weight: Share | dict[Label, Share] | None = Field(
         default=None, description="least of every asset, or a table of assets and theirs"
     )
     sectors: dict[Label, list[Label]] | str | None = Field(
         default=None, description="a table of sectors and their assets, or a CSV with the columns asset and sector"
     )
-    sector_cap: NonNegative | dict[Label, float] | None = Field(
+    sector_cap: Annotated[NonNegative, WRITTEN_SHARE] | dict[Label, Share] | None = Field(
         default=None, description="most of every sector, or a table of sectors and theirs"
     )
-    long_short: Annotated[float, Field(gt=0.0, le=_MOST_GROSS)] | None = Field(
+    long_short: Annotated[Share, Field(gt=0.0, le=_MOST_GROSS)] | None = Field(
         default=None, description="most that long and short holdings add up to"
     )
     net: float | None = Field(default=None, description="with `long_short`: what long less short holdings add up to; 1")
     shortable: list[Label] | None = Field(default=None, description="with `long_short`: assets that may be short; all")
-    turnover: Annotated[float, Field(ge=0.0, le=_MOST_TURNOVER)] | None = Field(
-        default=None, description="most that is bought plus sold against the last published weights, 0.3 for 30 %"
+    turnover: Annotated[Share, Field(ge=0.0, le=_MOST_TURNOVER)] | None = Field(
+        default=None, description="most that is bought plus sold against the last published weights"
     )
 
     def region(self, assets: tuple[str, ...], folder: Path = Path(), saying: Saying = nullcontext) -> Polyhedron:

@@ -284,6 +284,9 @@ MODELS = {
     "files for the covariances": (
         "covariances = [", 'covariances = ["calm.csv", "crisis.csv",',
         "key regimes.covariances[0]: should be a list, got 'calm.csv'; the key for a file is covariance_files (and 1 more"),
+    "regimes that never change": (
+        "[[0.95, 0.05], [0.2, 0.8]]", "[[1, 0], [0, 1]]", "key regimes: the stationary law is not unique: "
+        "the chain never leaves any of the classes of states [0] and [1]; give `initial`"),
     "an asset twice": ('"Oil", "Food", "Tech"]', '"Oil", "Oil", "Tech"]', "Oil"),
 }  # fmt: skip
 

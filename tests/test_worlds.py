@@ -136,7 +136,7 @@ class TestStationaryLaw:
 
     def test_two_closed_classes_have_none(self) -> None:
         transition = [[1.0, 0.0, 0.0, 0.0], [0.2, 0.3, 0.5, 0.0], [0.0, 0.0, 0.5, 0.5], [0.0, 0.0, 1.0, 0.0]]
-        with pytest.raises(ModelError, match=r"not unique.* \[0\] and \[2, 3\]; pass `initial`"):
+        with pytest.raises(ModelError, match=r"not unique.* \[0\] and \[2, 3\]; give `initial`"):
             HiddenMarkovModel(transition, sensor(4))
         assert HiddenMarkovModel(transition, sensor(4), [0, 1, 0, 0]).initial.tolist() == [0, 1, 0, 0]
 

@@ -229,7 +229,7 @@ def stationary_law(transition: Array) -> Array:
         classes = " and ".join(str([int(i) for i in members]) for members in closed)
         raise ModelError(
             f"the stationary law is not unique: the chain never leaves any of the classes of states {classes}; "
-            "pass `initial`"
+            "give `initial`"
         )
     members = closed[0]
     reduced = transition[np.ix_(members, members)].copy()

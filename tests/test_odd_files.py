@@ -337,6 +337,7 @@ VERBS = {
     "less gross than net": ("protect --model M --belief 0.5,0.5 --long-short 0.5", 4, "below the net"),
     "no model": ("protect --model no.toml --belief 0.5,0.5", 3, "cannot be read"),
     "a belief of three": ("protect --model M --belief 0.2,0.3,0.5", 3, "expected one per state: 2"),
+    "a file of its option's name": ("attack --model M --weights weights.csv", 3, "weights.csv does not exist"),
     "holdings as weights": ("attack --model M --weights B", 3, "--normalise"),
     "a map that is not there": ("attack --model M --weights B --normalise --map no.csv", 3, "does not exist"),
     "a regret as a share": ("attack --model M --weights W --regret 10%", 2, "expected a regret such as 5bp"),

@@ -48,7 +48,7 @@ def blaming(tokens: Sequence[str]) -> Iterator[None]:
         begun = _ARGUMENT.match(said)
         option = "" if begun is None else f"--{begun[1].replace('_', '-')}"
         value = _given_to(option, tokens)
-        if isinstance(error, DiskError) or begun is None or value is None:
+        if isinstance(error, DiskError) or begun is None or value in (None, begun[0]):  # begun[0] may be a file's name
             raise
         if isfile(value):  # unlike a path, it takes a long list of numbers for no file
             raise (error if value in said else type(error)(f"{value}: {said}")) from None

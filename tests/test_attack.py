@@ -16,7 +16,8 @@ from inscrutable.datasets import WeightsTable, read_weights
 from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Attack, Reading, attack_weights
 from inscrutable.experiments.investor_model import InvestorModel
-from inscrutable.problems import MarkowitzProblem, Polyhedron, box, long_short, simplex
+from inscrutable.geometry import simplex_grid
+from inscrutable.problems import MarkowitzProblem, Polyhedron, box, long_short, max_weights, simplex
 from inscrutable.reports.attack import attack_lines, attack_summary, attack_table, reading_notes, write_attack
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
 from sizes import instances, some
@@ -130,6 +131,24 @@ def test_weights_that_no_belief_explains() -> None:
     assert "rounded to 3 decimals" in table["reading"].iloc[0]
     assert len(reading_notes(attack)) == 2
     assert "1 of 2 rows are explained" in attack.summary()
+
+
+@pytest.mark.parametrize("region", [simplex(3), long_short(3, gross=1.4)])
+def test_a_row_that_rounding_does_not_explain_is_implausible(region: Polyhedron) -> None:
+    """Within a gross limit, as without one."""
+    means = np.array([[0.008, 0.007, 0.012], [-0.02, 0.002, -0.03]])
+    calm = [[0.002, 0.0004, 0.0006], [0.0004, 0.001, 0.0004], [0.0006, 0.0004, 0.003]]
+    crisis = [[0.008, 0.002, 0.004], [0.002, 0.003, 0.002], [0.004, 0.002, 0.010]]
+    problem = MarkowitzProblem(means, [calm, crisis], 5.0, region & max_weights(3, 0.6))
+    model = replace(market(0, 3, 2), problem=problem)
+    weights = pd.DataFrame([[0.1, 0.6, 0.3], [0.2, 0.6, 0.2]], columns=list(model.assets))
+    attack = attack_weights(model, weights, decimals=2)
+    assert [row.reading for row in attack.rows] == [Reading.IMPLAUSIBLE, Reading.ROUNDED]
+    grid = simplex_grid(2, 2000)
+    printed = (problem.solve(grid).round(2)[:, None] == weights.to_numpy()).all(axis=2)
+    np.testing.assert_array_equal(printed.any(axis=0), [False, True])
+    same = grid[printed[:, 1], 0]
+    np.testing.assert_allclose(attack.bounds[1, 0], [same.min(), same.max()], atol=0.03)
 
 
 def test_sums_off_by_rounding_are_completed_and_zeros_stay_zero() -> None:

@@ -8,7 +8,17 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from inscrutable import MarkowitzProblem, Polyhedron, QuadraticProblem, box, consistent_beliefs, simplex
+from inscrutable import (
+    MarkowitzProblem,
+    Polyhedron,
+    QuadraticProblem,
+    box,
+    consistent_beliefs,
+    long_short,
+    simplex,
+    turnover,
+    with_transaction_costs,
+)
 from inscrutable.adversaries import consistent_sets
 from oracles import consistent
 from sizes import instances
@@ -417,3 +427,100 @@ def test_a_rounded_row_inside_a_cap_is_read():
     assert found.contains([1.0, 0.0])
     # With the identity as covariance the regret of a change δ is |δ|², which is at most 4 h².
     assert found.regret <= 4 * 0.005**2 * (1 + 1e-9)
+
+
+def random_market(size, rng):
+    """Means and covariances (2 states) whose optimal portfolios have shorts, zeros and limits in turn."""
+    factors = rng.normal(size=(2, size, 2 * size))
+    covariances = factors @ factors.transpose(0, 2, 1) / size * rng.uniform(0.2, 3.0, (2, 1, 1))
+    return rng.normal(0, rng.choice([0.1, 0.5, 2.0]), (2, size)), covariances
+
+
+def kinked_problems(size, rng):
+    """Problems with limits on sums of magnitudes, active and not, and with costs of trades from a former portfolio."""
+    means, covariances = random_market(size, rng)
+    former = rng.dirichlet(np.ones(size))
+    former[0] *= rng.choice([0.01, 1.0])  # a former weight that is printed as zero
+    former /= former.sum()
+    shorts, near = long_short(size, gross=rng.choice([1.0, 1.05, 1.3, 50.0])), turnover(former, rng.uniform(0.05, 0.6))
+    for region in (shorts, simplex(size) & near, long_short(size, gross=1.3) & near, simplex(size)):
+        plain = MarkowitzProblem(means, covariances, 1.0, region)
+        yield plain
+        yield with_transaction_costs(plain, former, linear=rng.choice([1e-6, 1e-3, 0.05, 0.5]))
+
+
+@pytest.mark.parametrize("size", [2, 3, 5, 8])
+def test_every_belief_whose_portfolio_prints_the_same_is_read(size, fresh_rng):
+    """By enumeration, under limits on sums of magnitudes and trading costs, with weights near zero and the former ones."""
+    for problem in kinked_problems(size, fresh_rng):
+        digits, first = int(fresh_rng.integers(1, 5)), float(fresh_rng.uniform())
+        published = problem.solve([first, 1 - first]).round(digits)
+        near = first + 10.0 ** -fresh_rng.uniform(0, digits + 2, 60) * fresh_rng.choice([-1, 1], 60)
+        beliefs = np.column_stack([near, 1 - near])[(near >= 0) & (near <= 1)]
+        found = consistent_beliefs(problem, published, digits=digits)
+        prints = (problem.solve(beliefs).round(digits) == published).all(axis=1)
+        assert found.contains([first, 1 - first])
+        assert all(found.contains(belief) for belief in beliefs[prints])
+
+
+def test_a_short_that_is_printed_as_zero_may_reach_the_gross_limit():
+    """The limit is .008 away from the printed weights, more than the other weights can make up."""
+    problem = MarkowitzProblem([[0.0, 0.0, -9.0], [9.0, 0.0, 0.0]], [np.eye(3)] * 2, 1.0, long_short(3, gross=1.008))
+    decision = problem.solve([1.0, 0.0])
+    np.testing.assert_allclose(decision, [0.502, 0.502, -0.004], atol=1e-9)
+    assert consistent_beliefs(problem, [0.5, 0.5, 0.0], digits=2).contains([1.0, 0.0])
+
+
+def test_a_former_weight_that_is_printed_as_zero_may_be_kept():
+    """Rounding shows a sale of .004 and purchases of .002. Opposite trades nearly pay, so that these lose twice their cost."""
+    plain = MarkowitzProblem([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0]], [np.eye(3)] * 2, 1.0)
+    problem = with_transaction_costs(plain, [0.004, 0.498, 0.498], linear=0.5)
+    np.testing.assert_array_equal(problem.solve([1.0, 0.0]), [0.004, 0.498, 0.498])
+    found = consistent_beliefs(problem, [0.0, 0.5, 0.5], digits=2)
+    assert found.contains([1.0, 0.0])
+    assert found.regret == pytest.approx(2 * 0.5 * (0.004 + 0.002 + 0.002), rel=0.02)
+
+
+@pytest.mark.parametrize("digits", [2, 3, 4])
+def test_a_limit_that_rounding_cannot_reach_leaves_the_set_as_it_is(digits, fresh_rng):
+    """With shorts and weights printed as zero, too."""
+    for size in (2, 4, 7):
+        means, covariances = random_market(size, fresh_rng)
+        free = box(-fresh_rng.choice([0.0, 9.0], size), np.full(size, 9.0)) & Polyhedron(
+            A_eq=np.ones((1, size)), b_eq=[1.0]
+        )
+        regions = free, free & long_short(size, gross=50.0)
+        without, within = (MarkowitzProblem(means, covariances, 1.0, region) for region in regions)
+        for belief in fresh_rng.dirichlet(np.ones(2), 3):
+            published = without.solve(belief).round(digits)
+            plain, found = (consistent_beliefs(each, published, digits=digits) for each in (without, within))
+            assert found.regret == pytest.approx(plain.regret, rel=1e-9)
+            np.testing.assert_allclose(found.action, plain.action, atol=1e-12)
+            np.testing.assert_allclose(found.bounds(), plain.bounds(), atol=1e-6)
+
+
+@pytest.mark.parametrize(("belief", "digits", "gross"), [(0.9, 2, 1.3), (0.9, 3, 1.3), (0.7, 3, 1.1022), (0.5, 3, 1.0)])
+def test_rounded_shorts_are_read_closely_at_a_limit_and_within_it(belief, digits, gross):
+    means = [[0.03, 0.005, -0.02], [-0.03, 0.002, 0.02]]
+    covariances = [np.diag([0.002, 0.001, 0.003]), np.diag([0.008, 0.003, 0.01])]
+    problem = MarkowitzProblem(means, covariances, 5.0, long_short(3, gross=1.3))
+    decision = problem.solve([belief, 1 - belief])
+    assert np.abs(decision).sum() == pytest.approx(gross, abs=1e-4)
+    found = consistent_beliefs(problem, decision.round(digits), digits=digits)
+    assert found.contains([belief, 1 - belief])
+    # By enumeration, beliefs that print these weights span .35 to .9 units of the last digit.
+    assert np.ptp(found.bounds()[0]) < 2.0 * 10.0**-digits
+
+
+@pytest.mark.parametrize("rate", [1e-6, 1e-3])
+def test_trading_costs_leave_rounded_decisions_as_telling(rate):
+    """Costs of trades are linear near a decision that trades: ε has the curvature alone, and h_j is from h to 2h."""
+    means = [[0.008, 0.007, 0.012], [-0.02, 0.002, -0.03]]
+    calm = [[0.002, 0.0004, 0.0006], [0.0004, 0.001, 0.0004], [0.0006, 0.0004, 0.003]]
+    crisis = [[0.008, 0.002, 0.004], [0.002, 0.003, 0.002], [0.004, 0.002, 0.010]]
+    plain = MarkowitzProblem(means, [calm, crisis], 5.0)
+    trading = with_transaction_costs(plain, [0.2, 0.6, 0.2], linear=rate)
+    found, costly = (consistent_beliefs(each, each.solve([0.7, 0.3]).round(3), digits=3) for each in (plain, trading))
+    assert costly.regret <= 4 * found.regret
+    assert costly.contains([0.7, 0.3])
+    assert np.ptp(costly.bounds()[0]) < 0.005

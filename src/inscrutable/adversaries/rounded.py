@@ -11,8 +11,13 @@ Where costs are quadratic and every constraint active at u* is active at û, the
 
     ρ(π,û) = ½ δ'H_π δ ≤ ε = ½ max_i min( Σ_jk |P H_i P|_jk h_j h_k , λ_max(P H_i P) Σ_j h_j² ),
 
-because H_π is an average of the H_i. The true belief therefore always lies in the near-optimal set Π_ε(û). A least regret above
-ε proves that no belief explains any decision that rounds to this one.
+because H_π is an average of the H_i. The same holds under a limit Σ_j w_j |u_j − b_j| ≤ L. One that rounding cannot reach has
+no multiplier at u*. One that it can reach is active at û, with û_j = b_j where rounding can reach b_j. No other term changes
+sign between u* and û, so that the limit is a row there. Costs κ_j |u_j − b_j| of trades are linear between u* and û where no
+b_j lies strictly between u*_j and û_j. Where one does, |û_j − b_j| ≤ h_j, and ε grows by 2 κ_j |û_j − b_j|.
+
+The true belief therefore always lies in the near-optimal set Π_ε(û). A least regret above ε proves that no belief explains any
+decision that rounds to this one.
 """
 
 from __future__ import annotations
@@ -31,6 +36,8 @@ from inscrutable.axes import Axis
 from inscrutable.errors import InputError, ModelError
 from inscrutable.geometry import BeliefSet
 from inscrutable.problems import DecisionProblem, Polyhedron, QuadraticProblem, checked_problem
+from inscrutable.problems.magnitudes import MagnitudeRegion
+from inscrutable.problems.segments import MagnitudeLimit
 from inscrutable.validation import Array
 
 
@@ -67,7 +74,7 @@ def consistent_beliefs(
 
     Returns:
         A `BeliefSet`; empty where no belief explains the decision. With `digits` a `NearOptimalBeliefs` of the projected
-        decision, whose `regret` is the most that rounding can cost.
+        decision, whose `regret` bounds what rounding can cost.
 
     Raises:
         InputError: `action` has the wrong length, is not finite or lies outside the feasible set by more than rounding;
@@ -111,7 +118,8 @@ def half_unit(decimals: int) -> float:
 
 
 class Completed(NamedTuple):
-    """A published row as a feasible decision; `on_face`: every constraint that rounding can reach is active."""
+    """A published row as a feasible decision; `on_face`: every constraint that rounding can reach is active, and each limit on
+    magnitudes among them is a row between this decision and all that rounding can come from."""
 
     action: Array
     adjustment: float
@@ -119,38 +127,81 @@ class Completed(NamedTuple):
 
 
 def completed(problem: DecisionProblem, published: Array, half_unit: float) -> Completed:
-    """Return the nearest feasible decision, on all constraints that rounding can reach where it is within U half units of them.
+    """Return the nearest feasible decision, on all constraints that rounding can reach where it is within U half units of them;
+    then also without a trade where rounding can reach the former decision, if that is as near.
 
     A decision that is feasible as printed may be far from a point where all of them are active.
     """
     region = problem.constraints
     if half_unit == 0.0 and region.violation(published) <= 0.5 * tolerances.FEASIBILITY:
         return Completed(published, 0.0, True)
-    with suppress(ModelError):  # limits without rows in the decision, or an empty face
-        rows = region.in_decision
-        near = rows.slacks(published) <= _reach(rows, published, half_unit) / rows.row_scale + tolerances.FEASIBILITY
-        face = Polyhedron(
-            rows.A_ub[~near],
-            rows.b_ub[~near],
-            np.vstack([rows.A_eq, rows.A_ub[near]]),
-            np.concatenate([rows.b_eq, rows.b_ub[near]]),
-        )
-        found = _changed(_nearest(face, published), published, on_face=True)
-        if half_unit == 0.0 or found.adjustment <= half_unit * published.size:
-            return found
+    kinks, rates = _kinks(problem)
+    kinked = (rates > 0) & (np.abs(published - kinks) <= half_unit + tolerances.FEASIBILITY)
+    for held in (kinked, np.zeros_like(kinked)) if kinked.any() else (kinked,):
+        with suppress(ModelError):  # an empty face
+            face = _face(region, published, half_unit, np.where(held, kinks, np.nan))
+            found = _changed(_nearest(face, published), published, on_face=True)
+            if half_unit == 0.0 or found.adjustment <= half_unit * published.size:
+                return found
     return _changed(_nearest(region, published), published, on_face=False)
 
 
-def _reach(rows: Polyhedron, published: Array, half_unit: float) -> Array:
-    """The most (n,) that rounding changes each inequality row a'u, which the equalities limit too.
+def _kinks(problem: DecisionProblem) -> tuple[Array, Array]:
+    """The kinks b (U,) of the costs, and their rates κ (U,): 0 where there are none."""
+    form = problem.quadratic_form()
+    lift = None if form is None else form.lift
+    none = np.zeros(problem.n_actions)
+    return (none, none) if lift is None else (none + lift.kinks, none + lift.rates)
+
+
+def _face(region: Polyhedron, published: Array, half_unit: float, kinks: Array) -> Polyhedron:
+    """The decisions on all constraints that rounding can reach, and at kinks (U,) of the costs, NaN for none, where no bound is
+    near."""
+    limits = region.limits if isinstance(region, MagnitudeRegion) else ()
+    rows = region.rows if isinstance(region, MagnitudeRegion) else region
+    reached = _reach(rows.A_ub, rows, published, half_unit) / rows.row_scale
+    near = rows.slacks(published) <= reached + tolerances.FEASIBILITY
+    bounds = near & (np.count_nonzero(rows.A_ub, axis=1) == 1)
+    held = np.flatnonzero(~np.isnan(kinks) & ~rows.A_ub[bounds].any(axis=0))
+    equal = [rows.A_eq, rows.A_ub[near], np.eye(published.size)[held]]
+    sides = [rows.b_eq, rows.b_ub[near], kinks[held]]
+    for limit in limits:
+        row, side = _limit_rows(limit, rows, published, half_unit)
+        equal.append(row)
+        sides.append(side)
+    face = Polyhedron(rows.A_ub[~near], rows.b_ub[~near], np.vstack(equal), np.concatenate(sides))
+    return MagnitudeRegion(face, limits) if limits else face
+
+
+def _limit_rows(limit: MagnitudeLimit, rows: Polyhedron, published: Array, half_unit: float) -> tuple[Array, Array]:
+    """The limit as equalities (n,U) and their sides (n,) where rounding can reach it, else none.
+
+    Each term that rounding can bring to zero is zero. The other terms do not change sign, and their sum is a row.
+    """
+    centers, edge = limit.centers, tolerances.FEASIBILITY
+    lower, upper = rows.coordinate_bounds
+    above, below = centers <= lower + edge, centers >= upper - edge
+    zero = (limit.weights > 0) & ~above & ~below & (np.abs(published - centers) <= half_unit + edge)
+    signs = np.where(above, 1.0, np.where(below, -1.0, np.sign(published - centers)))
+    signed = np.where(zero, 0.0, signs * limit.weights)
+    row = (signed.sum(axis=0) + limit.linear)[None]
+    reach = _reach(row, rows, published, half_unit)[0] + half_unit * limit.weights[zero].sum()
+    if limit.most - limit.used(published) > reach + edge * limit.weights.max():
+        return np.zeros((0, published.size)), np.zeros(0)
+    held = np.eye(published.size)[np.nonzero(zero)[1]]
+    return np.vstack([row, held]), np.append(limit.most + (signed * centers).sum(), centers[zero])
+
+
+def _reach(normals: Array, rows: Polyhedron, published: Array, half_unit: float) -> Array:
+    """The most (n,) that rounding changes a'u for each of the normals a (n,U), which the equalities limit too.
 
     With r = b_eq − A_eq ũ and any multipliers y, a'(u* − ũ) = (a − A_eq'y)'(u* − ũ) + y'r; here y is that of least squares.
     """
-    multipliers = np.linalg.lstsq(rows.A_eq.T, rows.A_ub.T, rcond=None)[0]
-    free = rows.A_ub - multipliers.T @ rows.A_eq
+    multipliers = np.linalg.lstsq(rows.A_eq.T, normals.T, rcond=None)[0]
+    free = normals - multipliers.T @ rows.A_eq
     missed = np.abs(multipliers.T @ (rows.b_eq - rows.A_eq @ published))
     return np.asarray(
-        np.minimum(half_unit * np.abs(rows.A_ub).sum(axis=1), half_unit * np.abs(free).sum(axis=1) + missed)
+        np.minimum(half_unit * np.abs(normals).sum(axis=1), half_unit * np.abs(free).sum(axis=1) + missed)
     )
 
 
@@ -171,12 +222,15 @@ def allowance(problem: DecisionProblem, whole: Completed, reach: Array, *, is_op
     free = null_space(equalities) if len(equalities) else np.eye(reach.size)
     project = free @ free.T
     form = problem.quadratic_form()
-    if not (whole.on_face and is_optimal) or form is None or form.lift is not None:
+    hessians = None if form is None else form.hessians if form.lift is None else form.lift.hessians
+    if not (whole.on_face and is_optimal) or hessians is None:
         slopes = np.abs(problem.cost_gradients(whole.action) @ project)
         return float((slopes @ reach).max())
     worst = 0.0
-    for hessian in form.hessians:
+    for hessian in hessians:
         curved = project @ hessian @ project
         largest = float(np.linalg.eigvalsh(curved)[-1]) * float(reach @ reach)
         worst = max(worst, min(float(reach @ np.abs(curved) @ reach), largest))
-    return 0.5 * worst
+    kinks, rates = _kinks(problem)
+    apart = np.abs(whole.action - kinks)
+    return 0.5 * worst + 2.0 * float(rates @ np.where(apart <= reach + tolerances.FEASIBILITY, apart, 0.0))

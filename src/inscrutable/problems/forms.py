@@ -23,6 +23,10 @@ class Lift(NamedTuple):
     Args:
         variables: Returns v, shape (…,V), of decisions u (…,U); they must be feasible where u is.
         decisions: Returns u of v, so that decisions(variables(u)) = u.
+        hessians: H_i, shape (X,U,U), where the costs in the decision are ½u'H_i u + Σ_j κ_j |u_j − b_j| and terms linear in u;
+            None for other costs. From rounded decisions an observer reads more with it.
+        rates: κ, shape (U,), or 0.
+        kinks: b, shape (U,), or 0.
 
     Example:
         >>> import numpy as np
@@ -36,6 +40,9 @@ class Lift(NamedTuple):
 
     variables: Callable[[Array], Array]
     decisions: Callable[[Array], Array]
+    hessians: Array | None = None
+    rates: Array | float = 0.0
+    kinks: Array | float = 0.0
 
 
 class _Form:

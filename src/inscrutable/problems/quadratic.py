@@ -306,18 +306,21 @@ class LiftedCosts(NamedTuple):
 
 
 def lifted_costs(
-    problem: QuadraticProblem, segments: Segments, rates: Array | None = None, at_base: float = 0.0
+    problem: QuadraticProblem, segments: Segments, rates: Array | None = None, kinks: Array | None = None
 ) -> LiftedCosts:
-    """Return quadratic costs in the variables of segments, with further costs `rates` (V,) of them and `at_base`."""
+    """Return quadratic costs and Σ_j κ_j |u_j − b_j|, of rates κ (U,) and kinks b (U,), in the variables of segments."""
+    rates, kinks = (np.zeros(problem.n_actions) if each is None else each for each in (rates, kinks))
     slopes = problem.cost_gradients(segments.base)
     linear = segments.linear(slopes, problem.hessians)
+    linear += np.append(segments.slopes(rates, kinks), np.zeros(len(segments.limits)))
     stated = QuadraticProblem(
         segments.hessians(problem.hessians),
-        linear if rates is None else linear + rates,
-        problem.state_costs(segments.base) + at_base,
+        linear,
+        problem.state_costs(segments.base) + float(np.abs(segments.base - kinks) @ rates),
         constraints=segments.feasible(),
     )
-    return LiftedCosts(stated, Lift(segments.variables, segments.decisions), segments.is_searched)
+    lift = Lift(segments.variables, segments.decisions, problem.hessians, rates, kinks)
+    return LiftedCosts(stated, lift, segments.is_searched)
 
 
 def quadratic_problem(problem: DecisionProblem) -> QuadraticProblem | None:

@@ -131,8 +131,7 @@ class TradingProblem(DecisionProblem):
         limits = self.constraints.limits if isinstance(self.constraints, MagnitudeRegion) else ()
         rows = self.constraints.rows if isinstance(self.constraints, MagnitudeRegion) else self.constraints
         segments = Segments(rows, [np.where(self.rates > 0, self.former, np.nan)], limits)
-        slopes = np.append(segments.slopes(self.rates, self.former), np.zeros(len(limits)))
-        self._lifted = lifted_costs(problem, segments, slopes, float(np.abs(segments.base - self.former) @ self.rates))
+        self._lifted = lifted_costs(problem, segments, self.rates, self.former)
 
     @property
     def n_states(self) -> int:

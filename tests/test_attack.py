@@ -130,6 +130,7 @@ def test_weights_that_no_belief_explains() -> None:
     assert "nearest explanation" in table["reading"].iloc[1]
     assert "rounded to 3 decimals" in table["reading"].iloc[0]
     assert len(reading_notes(attack)) == 2
+    assert reading_notes(attack)[0].endswith("at most ε of regret; rounding causes no more.")
     assert "1 of 2 rows are explained" in attack.summary()
 
 

@@ -98,7 +98,8 @@ def test_the_decimals_that_keep_the_privacy_are_stated() -> None:
     found = protect(MODEL, BELIEFS, 0.1, rng=np.random.default_rng(0))
     for step, belief in enumerate(BELIEFS):
         stated = re.search(
-            r"at least (\d) decimals: with \d, .* as near to yours as (.*)\.$", found.rounding_note(step)
+            r"at least (\d) decimals: with \d, the set that this library reads from .* as near to yours as (.*)\.$",
+            found.rounding_note(step),
         )
         assert stated
         decimals, near = int(stated[1]), float(stated[2])

@@ -1,6 +1,6 @@
 """The beliefs that explain each row of published weights, rounding included.
 
-`adversaries.rounded` derives the regret that rounding can cause; with it the set always contains the true belief.
+`adversaries.rounded` bounds the regret that rounding can cause; with it the set always contains the true belief.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class RowReading:
         corners: Corners of the set, shape (V,X); V = 0 where it is empty, or rounded with more than three regimes.
         residual: Smallest KKT residual over all beliefs, relative to the gradient's scale: 0 where Π(û) holds a belief.
         gap: Smallest regret over all beliefs, in the cost's unit.
-        allowance: ε, the regret that rounding can cause, in the cost's unit; 0 for an exact reading.
+        allowance: ε, a bound on the regret that rounding can cause, in the cost's unit; 0 for an exact reading.
     """
 
     reading: Reading
@@ -166,7 +166,7 @@ def attack_weights(
     """Return the beliefs that explain each row of published weights.
 
     Formula: Π(û) for weights in full precision, Π_ε(û) = {π : ρ(π,û) ≤ ε} for rounded ones and where Π(û) is empty; û is the
-    nearest feasible decision and ε the regret that rounding can cause (`adversaries.rounded`).
+    nearest feasible decision and ε bounds the regret that rounding can cause (`adversaries.rounded`).
 
     Args:
         model: The investor's model that the observer assumes.

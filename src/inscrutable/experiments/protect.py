@@ -170,8 +170,8 @@ class Protection:
         if digits == 1:
             return ""
         return (
-            f"Publish the weights with at least {digits} decimals: with {digits - 1}, an observer cannot exclude beliefs as "
-            f"near to yours as {before:.2f}."
+            f"Publish the weights with at least {digits} decimals: with {digits - 1}, the set that this library reads from the "
+            f"weights reaches beliefs as near to yours as {before:.2f}."
         )
 
     def _proven(self) -> str:

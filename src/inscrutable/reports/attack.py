@@ -39,8 +39,8 @@ def attack_table(attack: Attack) -> pd.DataFrame:
     Returns:
         A frame on the rows' labels: for each regime the observer's estimate and the least and greatest probability consistent
         with the weights; the most likely regime, or all of several as likely; the reading; the least regret of any belief, the
-        regret that rounding can cause and the largest change of a weight to make the row feasible, in the unit of the cost or
-        the weights.
+        bound on the regret that rounding can cause and the largest change of a weight to make the row feasible, in the unit of
+        the cost or the weights.
 
     Example: see `write_attack`.
     """
@@ -94,7 +94,7 @@ def reading_notes(attack: Attack) -> list[str]:
         Reading.EXACT: "exact: these beliefs, and no others, make the weights optimal.",
         Reading.ROUNDED: (
             f"rounded to {decimal_places(digits)}: the near-optimal set is read, every belief that leaves the weights at most "
-            "ε of regret, the most that rounding can cause."
+            "ε of regret; rounding causes no more."
         ),
         Reading.NEAR: (
             f"near-optimal: every belief under which the weights cost at most {regret_text(attack.regret)} more than the best "

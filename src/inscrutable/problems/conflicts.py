@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
+from scipy.linalg import qr
 
 from inscrutable import tolerances
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
@@ -122,3 +123,25 @@ def _irreducible(below: Rows, equal: Rows) -> tuple[np.ndarray, Array]:
     multipliers[n:] += answer.x[n + e :]
     rows = np.flatnonzero(multipliers > tolerances.ON_FACE * multipliers.max())
     return rows, np.asarray(scale[rows] / multipliers[rows])
+
+
+def implied_equalities(rows: Array, sides: Array) -> np.ndarray:
+    """Return which equalities a'u = b follow from those before them; not those that contradict them."""
+    implied, units, right = np.zeros(len(sides), dtype=bool), np.zeros((0, rows.shape[1])), np.zeros(0)
+    sizes = np.maximum(np.linalg.norm(rows, axis=1), tolerances.TINY)
+    scaled = rows / sizes[:, None]
+    if len(scaled) <= scaled.shape[1]:
+        diagonal = np.diag(qr(scaled.T, mode="r", pivoting=True)[0])
+        if np.abs(diagonal).min(initial=1.0) > tolerances.STATIONARITY:
+            return implied
+    for e, left in enumerate(scaled):
+        side = sides[e] / sizes[e]
+        for _ in range(2):  # once more, against rounding
+            shares = units @ left
+            left, side = left - shares @ units, side - shares @ right
+        length = float(np.linalg.norm(left))
+        if length > tolerances.STATIONARITY:
+            units, right = np.vstack([units, left / length]), np.append(right, side / length)
+        else:
+            implied[e] = abs(side) <= tolerances.FEASIBILITY
+    return implied

@@ -16,7 +16,7 @@ from inscrutable.axes import Axis, Names, axis_labels
 from inscrutable.errors import InputError, ModelError, SolverError
 from inscrutable.geometry.cones import StationarityRows, stationarity_rows
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
-from inscrutable.problems.conflicts import RowConflict, row_conflict
+from inscrutable.problems.conflicts import RowConflict, implied_equalities, row_conflict
 from inscrutable.validation import Array
 
 _MOST_PATTERNS = 4096
@@ -29,7 +29,8 @@ class Polyhedron:
 
     Formula: C = {u ∈ R^U : A_ub u ≤ b_ub, A_eq u = b_eq}.
 
-    Rows that every u satisfies are dropped, with their names: 0'u ≤ 1, a'u ≤ ∞, 0'u = 0.
+    Rows that every u satisfies are dropped, with their names: 0'u ≤ 1, a'u ≤ ∞, 0'u = 0; so are equalities that follow from
+    those before them.
 
     Args:
         A_ub: Inequality rows, shape (n, U), or None.
@@ -95,7 +96,7 @@ class Polyhedron:
         self._is_feasible = False  # until found to be
 
     def _keep_rows(self, names: list[str]) -> None:
-        """Drop rows that every decision satisfies; raise `ModelError` for one that none satisfies."""
+        """Drop rows that every decision satisfies, and implied equalities; raise `ModelError` for one that none satisfies."""
         n = len(self.b_ub)
         empty = np.asarray(~np.vstack([self.A_ub, self.A_eq]).any(axis=1))
         missed: Array = np.concatenate([-self.b_ub, np.abs(self.b_eq)])  # by how much 0 violates the row
@@ -106,6 +107,7 @@ class Polyhedron:
             what = "0" if empty[row] else "a finite number"
             raise ModelError(f"no decision satisfies {names[row]}: it asks that {what} {sign} {side:g}")
         kept = np.asarray(~empty & ~np.isneginf(missed))
+        kept[n:] &= ~implied_equalities(self.A_eq, self.b_eq)
         self.A_ub, self.b_ub = self.A_ub[kept[:n]], self.b_ub[kept[:n]]
         self.A_eq, self.b_eq = self.A_eq[kept[n:]], self.b_eq[kept[n:]]
         self.names = tuple(name for name, stays in zip(names, kept, strict=True) if stays)

@@ -198,7 +198,7 @@ def test_equalities_that_follow_from_others_are_dropped(fresh_rng):
     halves = Polyhedron(A_eq=np.kron(np.eye(2), np.ones(2)), b_eq=[0.5, 0.5], names=["half", "other half"])
     assert (halves & simplex(4)).names[-2:] == ("half", "other half")
     asked = Polyhedron(A_eq=np.vstack([rows, mixed]), b_eq=np.concatenate([rows @ point, mixed @ point + 1e-3]))
-    with pytest.raises(ModelError, match=r"cannot hold together: A_eq\[0\]"):
+    with pytest.raises(ModelError, match="cannot hold together"):
         QuadraticProblem(np.eye(size)[None], np.zeros((1, size)), constraints=asked)
 
 

@@ -129,7 +129,9 @@ def column_errors(steps: FilterSteps, groups: Groups) -> Array:
 
 def _slopes(steps: FilterSteps, shown: Array) -> Array:
     """Return the weighted derivatives of the fitted beliefs (K,X) by the logarithm of the column, shape (K,X,X)."""
-    slopes = shown[:, :, None] * (np.eye(shown.shape[1]) - shown[:, None, :])
+    slopes = shown[:, :, None] * (np.eye(shown.shape[1]) - 1.0) * shown[:, None, :]
+    # As sums of the others: 1 − π_i has no digits left where π_i is nearly one, and the rows must sum to zero.
+    slopes[:, range(shown.shape[1]), range(shown.shape[1])] = -slopes.sum(axis=2)
     return np.asarray(np.sqrt(steps.weights)[:, None, None] * slopes)
 
 

@@ -14,6 +14,7 @@ from inscrutable import (
     FiniteProblem,
     InputError,
     Leakage,
+    MarkowitzProblem,
     Mechanism,
     OriginalDecisionMaker,
     Prior,
@@ -247,6 +248,16 @@ def test_silence_regret_by_hand():
     assert found.silence_regret == pytest.approx(found.prior_error**2 / 4, abs=1e-12)
     assert found.silence_share == found.expected_regret / found.silence_regret
     assert found.error_share == found.bayes_error / found.prior_error
+
+
+def test_silence_costs_nothing_where_all_beliefs_have_one_decision():
+    """The differences of costs are roundings of 1e-18 there."""
+    means = [[0.05, 0.01, 0.0], [0.06, 0.013, 0.0], [0.055, 0.007, 0.001]]
+    problem = MarkowitzProblem(means, [np.diag([first, 0.002, 0.001]) for first in (0.001, 0.001, 0.0013)], 1.0)
+    prior = uniform_prior(3, 7)
+    found = leakage(mechanism(OriginalDecisionMaker(problem), prior.beliefs), prior, problem)
+    assert found.silence_regret == found.expected_regret == found.worst_regret == 0.0
+    assert np.isnan(found.silence_share)
 
 
 def test_a_tiny_share_is_not_lost():

@@ -474,6 +474,18 @@ def test_a_protection_is_judged_as_by_the_other_verbs(tmp_path: Path, capsys: py
     assert costly_rule(tmp_path / "half", decision_makers=["coin"], measures=["error"]).protection() == []
 
 
+def test_nothing_is_judged_where_silence_costs_nothing(tmp_path: Path) -> None:
+    """All beliefs have one best decision, whose regrets are roundings."""
+    market = {"means": [[0.05, 0.01], [0.06, 0.013], [0.055, 0.007]], "covariances": [[[0.001, 0.0], [0.0, 0.002]]] * 3}
+    budgets = {"unit": "silence", "hold": "mean", "values": [0.5]}
+    makers, measures = ["ODM", "exponential", "coin", "CDM"], ["error", "top_state", "silence_share"]
+    changes = {"world": {"kind": "given"} | market, "problem": {"risk_aversion": 1.0}, "budgets": budgets}
+    changes |= {"beliefs": {"kind": "grid", "resolution": 7}, "decision_makers": makers, "measures": measures}
+    study = costly_rule(tmp_path, **changes)
+    assert study.protection() == []
+    assert study.frame().silence_share.isna().all()
+
+
 @pytest.mark.parametrize("kind", ["given", "random"])
 def test_repeats_of_the_same_figures_are_pointed_out(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

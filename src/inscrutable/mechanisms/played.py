@@ -239,8 +239,10 @@ def checked_memoryless(decision_maker: Any) -> PlaysMany:
 
 
 def regrets_of(problem: DecisionProblem, beliefs: Array, points: Array) -> Array:
-    """Return ρ(π_b, u_m) of decisions given as points (M,U), shape (B,M)."""
-    return np.asarray(np.maximum(beliefs @ problem.state_costs(points).T - problem.optimal_cost(beliefs)[:, None], 0.0))
+    """Return ρ(π_b, u_m) of decisions given as points (M,U), shape (B,M); 0 where it is a rounding of the costs."""
+    costs = problem.state_costs(points).T
+    regrets = beliefs @ costs - problem.optimal_cost(beliefs)[:, None]
+    return np.where(regrets > tolerances.COST_ROUNDING * (beliefs @ np.abs(costs)), regrets, 0.0)
 
 
 def _listed(problem: DecisionProblem, candidates: Any) -> Array:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from inscrutable import tolerances
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Disclosure, Mechanism, Prior
 from inscrutable.mechanisms.disclosed import disclosed, single_decisions
@@ -215,12 +216,13 @@ def _worths(joint: Joint, problem: DecisionProblem | None, given: Loss | None) -
 
 
 def silence_regret(problem: DecisionProblem, beliefs: Array, weights: Array) -> float:
-    """Return r₀ = min_u Σ w_b ρ(π_b,u) = V(Σ w π) − Σ w_b V(π_b), in the cost's unit."""
+    """Return r₀ = min_u Σ w_b ρ(π_b,u) = V(Σ w π) − Σ w_b V(π_b), in the cost's unit; 0 where it is a rounding of V."""
     if checked_problem(problem).n_states != beliefs.shape[1]:
         raise InputError(f"the problem has {problem.n_states} states, the beliefs {beliefs.shape[1]}")
     some = weights > 0
-    apart = float(weights[some] @ problem.optimal_cost(beliefs[some]))
-    return max(float(problem.optimal_cost(weights @ beliefs)) - apart, 0.0)
+    costs = problem.optimal_cost(beliefs[some])
+    found = float(problem.optimal_cost(weights @ beliefs)) - float(weights[some] @ costs)
+    return found if found > tolerances.COST_ROUNDING * float(np.abs(costs).max()) else 0.0
 
 
 def mutual_information(joint: Joint) -> float:

@@ -17,6 +17,9 @@ from inscrutable.validation import Array
 SAME_COST = 0.05
 """Expected regrets within this share of one another count as equal: budgets held at each belief differ by as much by chance."""
 
+UNPROTECTED = "ODM"
+"""The decision maker that hides nothing."""
+
 
 @dataclass(frozen=True)
 class Ranking:
@@ -95,11 +98,12 @@ def protection(
     """Return lines that state which decision makers hide the belief at a budget from each observer, with the numbers reached
     and asked for.
 
-    Costs are made equal as in `ranking`; one that spends nothing is not judged. Empty where errors and namings were not
-    measured, no decision maker spends anything, or there is nothing to hide. `spoken` writes out a decision maker's name.
+    Costs are made equal as in `ranking`; one that spends nothing is not judged, and the optimal decision never
+    is. Empty where errors and namings were not measured, no decision maker spends anything, or there is nothing to hide.
+    `spoken` writes out a decision maker's name.
     """
     paid, parts, first = _paid(means, setting), [], None
-    hides = _spends(paid) | np.isnan(paid)
+    hides = (_spends(paid) | np.isnan(paid)) & (np.array(means.makers) != UNPROTECTED)
     for observer in dict.fromkeys(figure.observer for figure in means.figures):
         error_without, chance = (_known(means, setting, name, observer) for name in WITHOUT)
         if not error_without > 0 or np.isnan(chance):
@@ -162,7 +166,9 @@ def _at(means: StudyMeans, setting: int, play: int, figure: int, regret: float) 
     if paid[play] <= (1.0 + SAME_COST) * regret:
         return float(measured[play])
     own = [
-        p for p, name in enumerate(means.makers) if name in (means.makers[play], "ODM") and not np.isnan(measured[p])
+        p
+        for p, name in enumerate(means.makers)
+        if name in (means.makers[play], UNPROTECTED) and not np.isnan(measured[p])
     ]
     below = [p for p in own if paid[p] <= regret]
     if not below:

@@ -493,3 +493,20 @@ def test_a_comparison_knows_whether_a_file_that_it_names_was_edited(tmp_path: Pa
     assert before == identity()
     (tmp_path / edited).write_text(files[edited].replace("0.02", "0.021").replace("two", "one"))
     assert before != identity()
+
+
+def test_a_file_of_sectors_lies_beside_the_study_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another one of this name in the current folder is not read."""
+    text = 'kind = "comparison"\nname = "c"\nbudgets = [0.5]\nresolution = 3\ndecision_makers = ["ODM"]\n'
+    found = []
+    for folder, sectors in (("own", "aab"), ("current", "baa")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "sectors.csv").write_text(
+            "asset,sector\n" + "".join(f"asset{k},{name}\n" for k, name in enumerate(sectors))
+        )
+    (tmp_path / "own" / "c.toml").write_text(text + '[limits]\nsectors = "sectors.csv"\nsector_cap = 0.6\n')
+    for folder in ("own", "current"):
+        monkeypatch.chdir(tmp_path / folder)
+        study = run_study(Study.read(tmp_path / "own" / "c.toml"), tmp_path / f"run in {folder}")
+        found.append((study.data_hash, study.frame().to_csv()))
+    assert found[0] == found[1]

@@ -115,7 +115,7 @@ def market_from(worlds: Sequence[dict[str, Any]]) -> ComparedMarket:
 
 def _market(plan: ComparisonFile, base: Path, grid: TaskGrid) -> list[dict[str, Any]]:
     name = plan.market if plan.market in (PAPER, RETURNS) else str(base / plan.market)
-    found = market_of(name, plan.resolution, plan.seed, plan.limits)
+    found = market_of(name, plan.resolution, plan.seed, _limits_beside(plan, base))
     check_step(plan.disclosure, found.step)
     data = {
         "problem": problem_data(found.problem),
@@ -127,9 +127,18 @@ def _market(plan: ComparisonFile, base: Path, grid: TaskGrid) -> list[dict[str, 
     return [json.loads(json.dumps(data, default=lambda array: array.tolist()))]
 
 
+def _limits_beside(plan: ComparisonFile, base: Path) -> LimitsPart:
+    """The limits, with a file of sectors beside the study file by its whole path."""
+    sectors = plan.limits.sectors
+    return plan.limits.model_copy(
+        update={"sectors": str((base / sectors).resolve())} if isinstance(sectors, str) else {}
+    )
+
+
 def _hash(plan: ComparisonFile, base: Path) -> str | None:
     """The SHA-256 of the model's file and the files that it and the limits name; None where there are none."""
-    files = [Path(plan.limits.sectors)] if isinstance(plan.limits.sectors, str) else []
+    sectors = _limits_beside(plan, base).sectors
+    files = [Path(sectors)] if isinstance(sectors, str) else []
     market = None if plan.market in (PAPER, RETURNS) else base / plan.market
     if market is not None:
         files += [market, *(OwnModel.load(market).files if market.suffix.lower() == ".toml" else ())]

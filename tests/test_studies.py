@@ -138,6 +138,25 @@ def test_equal_spending_is_equal(tmp_path: Path) -> None:
     assert np.all(spent <= 0.4 * (1.0 + 1e-12))
 
 
+def test_no_budget_in_expectation_is_exceeded(tmp_path: Path) -> None:
+    """The cheapest candidates cost 2 % of the silence regret: no noise on them is as cheap as the first two budgets."""
+    market = {"means": [[0.01, 0.02], [0.03, -0.02]], "covariances": [[[0.01, 0.0], [0.0, 0.02]]] * 2}
+    study = small(
+        repeats=1,
+        world={"kind": "given"} | market,
+        beliefs={"kind": "grid", "resolution": 4},
+        candidates={"resolution": 6},
+        decision_makers=["exponential", "Dirichlet noise", "rounding", "uniform", "coin"],
+        budgets={"unit": "silence", "hold": "mean", "values": [1e-6, 0.01, 0.5]},
+        measures=["silence_share"],
+        adversaries=["naive"],
+    )
+    frame = run_study(study, tmp_path).frame()
+    assert np.all(frame["silence_share"] <= frame["budget"] * (1.0 + 1e-12))
+    most = frame[frame["budget"] == 0.5].set_index("decision_maker")["silence_share"]
+    assert_allclose(most[["exponential", "coin"]], 0.5, rtol=1.5e-6)
+
+
 def test_a_budget_that_no_noise_spends_is_met_from_below(tmp_path: Path) -> None:
     """Market 14 of 15 cannot spend it: steps that grow until the amount of noise overflowed failed there."""
     plan = SMALL | {"repeats": 15, "decision_makers": [SMALL["decision_makers"][-1]], "adversaries": ["naive"]}

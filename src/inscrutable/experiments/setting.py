@@ -205,8 +205,12 @@ def behaviour_of(setting: Setting, decision_maker: PlaysMany, promise: Budget | 
 
 
 def scaled_to(setting: Setting, tried: Callable[[float], Behaviour], regret: float) -> Behaviour:
-    """Return the trial whose expected regret is `regret` or the nearest below; regrets must grow with the amount."""
-    return spending(tried, lambda behaviour: spent(setting, behaviour), regret)
+    """Return the trial whose expected regret is `regret` or the nearest below, the optimal decisions where all are dearer.
+
+    Regrets must grow with the amount.
+    """
+    found = spending(tried, lambda behaviour: spent(setting, behaviour), regret)
+    return found if spent(setting, found) <= regret else Behaviour(setting.optimal)
 
 
 def spent(setting: Setting, behaviour: Behaviour) -> float:

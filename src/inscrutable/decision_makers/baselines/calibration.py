@@ -143,8 +143,8 @@ def calibrate(
 def spending(make: Callable[[float], Made], regret_of: Callable[[Made], float], regret: float) -> Made:
     """Return the object made from the amount whose expected regret is the nearest below `regret`, the first amount tried.
 
-    The expected regret must grow with the amount, from 0. It is reached as by `calibrate`, or the nearest below is returned
-    where it jumps over the target or no larger amount raises it.
+    The expected regret must grow with the amount. It is reached as by `calibrate`, or the nearest below is returned
+    where it jumps over the target or no larger amount raises it; the nearest above where no amount is as cheap.
     """
 
     def made(amount: float) -> tuple[Made, float]:

@@ -178,7 +178,7 @@ class BudgetSection(Section):
 
     The unit "relative" is the paper's, a share of |c*| at every belief; "regret" is the cost's own unit; "silence" is a share
     of the silence regret r₀; "cost" is a share of E|c*|. With `hold` "each" the budget holds at every belief; with "mean"
-    every decision maker spends the same expected regret.
+    every decision maker spends it in expectation, or less where it cannot.
     """
 
     values: Grid[NonNegative] = (0.1,)

@@ -83,7 +83,8 @@ _NOTES = (
     "Decision makers rank at equal expected regret. At one budget some may spend more than others. All are then compared at "
     "the least regret that one of them spends: the figure of one that spends more is interpolated between its own and that of "
     "a smaller budget, or of the optimal decision, and is told with “about”. Decision makers without a budget are compared at "
-    'the middle one. With hold = "mean" in the section [budgets] all that take a budget spend the same.',
+    'the middle one. With hold = "mean" in the section [budgets] none spends more than its budget in expectation, and one that '
+    "cannot spend as much, or as little, spends less: its decisions are then optimal where even the least noise costs more.",
     "Whether the belief is hidden is judged at the same equal regret, by the measures error and top_state: both parts must "
     "hold.",
     "Observers: naive takes every decision for optimal; near-optimal and budget-aware allow for what is spent; bayesian is the "

@@ -300,6 +300,22 @@ def test_decision_makers_share_a_market_and_repeats_do_not() -> None:
     assert draws[0] == draws[1] != draws[2]
 
 
+def test_all_risk_aversions_of_a_study_have_the_same_markets() -> None:
+    """Which have a positive optimal cost at the least of them. Other markets than a study of one value has are other tasks."""
+    study = Study.of(plan(problem={"risk_aversion": [5.0, 1.0, 20.0]}, repeats=4))
+    runner = GridRunner(Work(GridRunner, study.plan.model_dump_json(), None, "[]"))
+    for repeat in range(4):
+        one, *others = (runner.setting((0, place, 0, 0, repeat)).problem for place in (1, 0, 2))
+        assert one.risk_aversion == 1.0 < others[0].risk_aversion
+        assert one.optimal_cost(np.eye(one.n_states)).min() > 0.0
+        for other in others:
+            np.testing.assert_array_equal(other.means, one.means)
+            np.testing.assert_array_equal(other.covariances, one.covariances)
+    alone = Study.of(plan(problem={"risk_aversion": 5.0})).grid
+    assert "risk_aversion" not in alone.task(0).parameters["world"]
+    assert alone.task(0).key != study.grid.task(0).key
+
+
 @pytest.mark.parametrize("path", sorted(ROOT.glob("studies/*.toml")), ids=lambda path: path.stem)
 def test_a_shipped_study_says_how_it_is_run_and_how_long(path: Path) -> None:
     top = "\n".join(path.read_text("utf-8").splitlines()[:2])

@@ -17,6 +17,7 @@ from inscrutable.experiments.studies.layout import (
     DispatchSection,
     FittedWorldSection,
     GivenWorld,
+    RandomWorld,
     StudyFile,
 )
 from inscrutable.experiments.studies.tasks import Task, canonical, identity
@@ -50,8 +51,8 @@ class StudyGrid:
 
     def __init__(self, study: StudyFile, data_hash: str | None = None) -> None:
         self.study = study
-        self.worlds = _worlds(study, data_hash)
         self.problems = _problems(study, data_hash)
+        self.worlds = _worlds(study, data_hash, self.problems)
         self.beliefs = variants(study.beliefs)
         self.candidates = variants(study.candidates)
         budgets, nothing = _budgets(study.budgets), Variant.of(None)
@@ -161,8 +162,11 @@ def _problems(study: StudyFile, data_hash: str | None) -> list[Variant]:
     return [Variant.of({**(each.data or {}), "sha256": data_hash}) for each in found]
 
 
-def _worlds(study: StudyFile, data_hash: str | None) -> list[Variant]:
-    """Return the worlds; large tables of numbers are named by a hash, so that rows stay short."""
+def _worlds(study: StudyFile, data_hash: str | None, problems: Sequence[Variant]) -> list[Variant]:
+    """Return the worlds; large tables of numbers are named by a hash, so that rows stay short.
+
+    Random markets are drawn for the least of several risk aversions, which rejects the most, so that all have the same.
+    """
     world = study.world
     if isinstance(world, GivenWorld):
         data = world.model_dump(mode="json")
@@ -170,4 +174,8 @@ def _worlds(study: StudyFile, data_hash: str | None) -> list[Variant]:
     found = variants(world)
     if isinstance(world, FittedWorldSection):
         found = [Variant.of({**(each.data or {}), "sha256": data_hash}) for each in found]
+    if isinstance(world, RandomWorld):
+        averse = {each.data["risk_aversion"] for each in problems if each.data and "risk_aversion" in each.data}
+        least = {"risk_aversion": min(averse)} if len(averse) > 1 else {}
+        found = [Variant.of({**(each.data or {}), **least}) for each in found]
     return found

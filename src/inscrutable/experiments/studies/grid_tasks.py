@@ -138,7 +138,7 @@ class GridRunner(TaskRunner):
         assert problem is not None
         rng = self.grid.stream("world", places, ("world", "repeat"))
         # A user-defined problem has none, and takes the regimes alone.
-        return drawn_world(law, problem.get("risk_aversion", 1.0), rng=rng)
+        return drawn_world({"risk_aversion": problem.get("risk_aversion", 1.0), **law}, rng=rng)
 
     def _prior(self, places: Sequence[int], regimes: Regimes, problem: DecisionProblem) -> Prior:
         section = self.grid.beliefs[places[2]].data

@@ -61,10 +61,9 @@ def given_world(section: GivenWorld) -> Regimes:
     return Regimes(emission.means, emission.covariances, HiddenMarkovModel(section.transition, emission))
 
 
-def drawn_world(law: dict[str, Any], risk_aversion: float, *, rng: np.random.Generator) -> Regimes:
+def drawn_world(law: dict[str, Any], *, rng: np.random.Generator) -> Regimes:
     """Return regimes drawn from a law."""
-    keys = {name: value for name, value in law.items() if name != "kind"}
-    market = random_market(MarketLaw(**keys, risk_aversion=risk_aversion), rng=rng)
+    market = random_market(MarketLaw(**{name: value for name, value in law.items() if name != "kind"}), rng=rng)
     return Regimes(market.problem.means, market.problem.covariances, market.world)
 
 

@@ -486,6 +486,15 @@ def test_nothing_is_judged_where_silence_costs_nothing(tmp_path: Path) -> None:
     assert study.frame().silence_share.isna().all()
 
 
+def test_the_budget_of_the_verdict_does_not_depend_on_their_order(tmp_path: Path) -> None:
+    lines = []
+    for place, values in enumerate(([0.75, 0.25, 0.5], [0.25, 0.5, 0.75])):
+        study = costly_rule(tmp_path / str(place), budgets={"unit": "silence", "hold": "mean", "values": values})
+        lines.append(study_page.study_verdict(study))
+    assert lines[0] == lines[1]
+    assert "at a budget of 0.5 of the silence regret" in lines[0][0]
+
+
 @pytest.mark.parametrize("kind", ["given", "random"])
 def test_repeats_of_the_same_figures_are_pointed_out(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -82,8 +82,8 @@ class StudyMeans:
 
     @cached_property
     def amounts(self) -> list[float]:
-        """The budgets that plays spend, in order."""
-        return list(dict.fromkeys(each for each in self.budgets if each is not None))
+        """The budgets that plays spend, rising."""
+        return sorted({each for each in self.budgets if each is not None})
 
     @property
     def middle_budget(self) -> float | None:

@@ -10,7 +10,6 @@ import pytest
 
 from inscrutable import Study, run_study
 from inscrutable.cli import main
-from sizes import instances
 
 SMALL = {
     "kind": "alphas",
@@ -19,7 +18,7 @@ SMALL = {
     "factors": 1,
     "budgets": [0.25, 0.75],
     "persistence": [0.0, 0.8],
-    "steps": instances(300, least=100),
+    "steps": 300,  # at 100 simulated shares miss their expectation by more than a quarter for one seed in four
     "repeats": 1,
 }
 

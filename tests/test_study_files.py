@@ -281,6 +281,24 @@ def test_an_identity_hangs_on_the_task_alone() -> None:
     assert (small.grid.seed(task.text).generate_state(4) == large.grid.seed(again.text).generate_state(4)).all()
 
 
+@pytest.mark.parametrize(
+    ("kind", "swept", "few", "many"),
+    [
+        ("alphas", "budgets", [0.5], [0.1, 0.5, 0.9]),
+        ("alphas", "objectives", ["error"], ["information", "error"]),
+        ("masked basket", "shown", ["value", "kept mask"], ["fresh mask", "kept mask", "value"]),
+    ],
+)
+def test_the_draws_of_a_task_do_not_hang_on_the_others(kind: str, swept: str, few: list[Any], many: list[Any]) -> None:
+    seeds = []
+    for values, repeats in ((few, 1), (many, 2)):
+        grid = Study.of({"kind": kind, "name": "a", swept: values, "repeats": repeats}).grid
+        tasks = [grid.task(number) for number in range(len(grid))]
+        seeds.append({task.key: grid.task_seed(task).generate_state(4).tolist() for task in tasks})
+    assert seeds[0].items() <= seeds[1].items()
+    assert len({str(each) for each in seeds[1].values()}) == len(seeds[1])
+
+
 def test_a_rows_seed_is_its_tasks_own() -> None:
     study = Study.of(plan(repeats=2))
     rows = chunk_of_rows(Work(GridRunner, study.plan.model_dump_json(), None, "[]"), some(range(study.n_tasks), 3))

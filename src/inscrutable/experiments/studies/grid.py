@@ -20,12 +20,10 @@ from inscrutable.experiments.studies.layout import (
     RandomWorld,
     StudyFile,
 )
-from inscrutable.experiments.studies.tasks import Task, canonical, identity
+from inscrutable.experiments.studies.tasks import Task, canonical, child_seed, identity
 
 PER_MARKET = ("world", "problem", "beliefs", "candidates", "repeat")
 """The parts that tasks on the same market with the same candidates have in common."""
-
-_WORD = 8  # hexadecimal characters of a 32-bit word
 
 
 @dataclass(frozen=True)
@@ -108,9 +106,7 @@ class StudyGrid:
 
     def seed(self, text: str) -> np.random.SeedSequence:
         """Return the child seed that belongs to a text."""
-        key = identity(text)
-        words = tuple(int(key[place : place + _WORD], 16) for place in range(0, len(key), _WORD))
-        return np.random.SeedSequence(entropy=self.study.seed, spawn_key=words)
+        return child_seed(self.study.seed, text)
 
     def stream(self, use: str, places: Sequence[int], parts: Sequence[str]) -> np.random.Generator:
         """Return the random stream for one use, which depends on some parts of a task and on no other."""

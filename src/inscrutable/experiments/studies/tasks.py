@@ -22,6 +22,7 @@ from inscrutable.errors import InscrutableError
 
 DONE, FAILED = "done", "failed"
 _HASH_CHARACTERS = 32
+_WORD = 8  # hexadecimal characters of a 32-bit word
 _SECONDS_FOR_INTERRUPT = 0.1
 _ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
@@ -34,6 +35,13 @@ def canonical(value: Any) -> str:
 def identity(text: str) -> str:
     """Return the hash of a text."""
     return sha256(text.encode("ascii")).hexdigest()[:_HASH_CHARACTERS]
+
+
+def child_seed(entropy: int | Sequence[int], text: str) -> np.random.SeedSequence:
+    """Return the child of a seed that belongs to a text."""
+    key = identity(text)
+    words = tuple(int(key[place : place + _WORD], 16) for place in range(0, len(key), _WORD))
+    return np.random.SeedSequence(entropy, spawn_key=words)
 
 
 @dataclass(frozen=True)
@@ -81,20 +89,20 @@ def seed_of(grid: TaskGrid, task: Task) -> str:
 
 @dataclass(frozen=True)
 class Listed:
-    """Tasks one after another, each with a child of one seed by its number.
+    """Tasks one after another, each with a child of one seed, by its identity unless told otherwise.
 
     Args:
         count: Their number.
         named: Returns the parameters of a task, by its number.
         entropy: The entropy of the seed whose children the tasks' seeds are.
-        first: The number of the child that is the first task's seed.
-        is_shared: Whether all tasks have that seed, so that none depends on which others there are.
+        first: With children by number, that of the first task.
+        is_shared: Whether all tasks have the first child.
     """
 
     count: int
     named: Callable[[int], dict[str, Any]]
     entropy: int | Sequence[int]
-    first: int = 0
+    first: int | None = None
     is_shared: bool = False
 
     def __len__(self) -> int:
@@ -106,8 +114,11 @@ class Listed:
 
     def task_seed(self, task: Task) -> np.random.SeedSequence:
         """Return the child seed of a task."""
-        number = 0 if self.is_shared else task.number
-        return np.random.SeedSequence(self.entropy, spawn_key=(self.first + number,))
+        if self.is_shared:
+            return np.random.SeedSequence(self.entropy, spawn_key=(0,))
+        if self.first is None:
+            return child_seed(self.entropy, task.text)
+        return np.random.SeedSequence(self.entropy, spawn_key=(self.first + task.number,))
 
 
 class Work(NamedTuple):

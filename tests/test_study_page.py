@@ -89,6 +89,22 @@ def test_what_varies_tells_choices_apart() -> None:
     ]
     found = labels([Variant.of(each) for each in choices], name="name")
     assert found == ["ODM", "coin, probability 0.1", "coin, probability 0.4", "coin", "CDM, local", "CDM, global"]
+    near = [Variant.of({"name": "coin", "probability": each}) for each in (0.5, 0.50000001, 1)]
+    assert labels(near, name="name") == ["coin, probability 0.5", "coin, probability 0.50000001", "coin, probability 1"]
+    assert labels(near, prefix="a.") == ["a.probability = 0.5", "a.probability = 0.50000001", "a.probability = 1"]
+
+
+def test_entries_that_differ_after_six_digits_stay_apart(tmp_path: Path) -> None:
+    """Each has its own figures in the means and its own line on the page."""
+    coin = {"name": "coin", "probability": [0.5, 0.50000001, 0.9]}
+    plan = PLAN | {"repeats": 1, "problem": {"risk_aversion": [5.0, 5.000001]}, "decision_makers": ["uniform", coin]}
+    study = run_study(Study.of(plan | {"budgets": {"values": [0.1, 0.1000001]}}), tmp_path / "study")
+    found = study.means()
+    assert not found.duplicated(["setting", "decision_maker", "budget", "measure", "adversary"]).any()
+    assert list(found.setting.unique()) == ["problem.risk_aversion = 5", "problem.risk_aversion = 5.000001"]
+    inside = Reader(write_page(study, tmp_path / "report.html")).inside
+    assert {"coin, probability 0.5", "coin, probability 0.50000001"} <= set(inside["th"])
+    assert {"0.1", "0.1000001"} <= set(inside["td"])
 
 
 def test_page_is_whole_safe_and_small(whole: Study, page: Path, tmp_path: Path) -> None:

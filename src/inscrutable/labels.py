@@ -27,6 +27,17 @@ def label_text(label: Any) -> str:
     return str(label)
 
 
+def number_text(value: float) -> str:
+    """Return a number as text that reads back as the same number, with six digits where these suffice.
+
+    Example:
+        >>> number_text(0.5), number_text(0.50000001), number_text(1000)
+        ('0.5', '0.50000001', '1000')
+    """
+    short = f"{value:g}"
+    return short if float(short) == value else repr(value)
+
+
 def capital(text: str) -> str:
     """Return a text with a capital first letter."""
     return text[:1].upper() + text[1:]

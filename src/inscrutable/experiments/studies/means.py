@@ -15,6 +15,7 @@ import pandas as pd
 from inscrutable.experiments.measures import OF_OBSERVERS, WITHOUT, reads_beside
 from inscrutable.experiments.studies.grid import StudyGrid, Variant
 from inscrutable.experiments.studies.tasks import DONE
+from inscrutable.labels import number_text
 from inscrutable.validation import Array
 
 QUANTILES = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -224,11 +225,12 @@ def _label(
     return ", ".join([*parts, *(_entry(prefix, key, own[key]) for key in own if len(told[key]) > 1)])
 
 
-def _entry(prefix: str, key: str, value: object) -> str:
+def _entry(prefix: str, key: str, value: Any) -> str:
     """Return an entry as text: a word alone, a number with its key; with a prefix the key is that of the file and the rows."""
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    told = number_text(value) if number else value
     if prefix:
-        return f"{prefix}{key} = {value:g}" if number else f"{prefix}{key} = {value}"
+        return f"{prefix}{key} = {told}"
     if isinstance(value, str) and key not in _SPOKEN:
         return value
-    return f"{key.replace('_', ' ')} {value:g}" if number else f"{key} {value}"
+    return f"{key.replace('_', ' ') if number else key} {told}"

@@ -9,6 +9,7 @@ from itertools import product
 from typing import Any
 
 from inscrutable.experiments.studies.grid import StudyGrid
+from inscrutable.labels import number_text
 
 MOST_CURVES, MOST_FACETS = 6, 6
 _LACKING = "–"
@@ -117,7 +118,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _said(key: str, value: Any) -> str:
-    return f"{key} = {value:g}" if _is_number(value) else f"{key} = {value}"
+    return f"{key} = {number_text(value) if _is_number(value) else value}"
 
 
 def _rest(counted: list[tuple[str, int, int]]) -> str:

@@ -16,7 +16,7 @@ from inscrutable.experiments.studies.means import Figure, StudyMeans, means_of, 
 from inscrutable.experiments.studies.ranking import SAME_COST, Ranking, protection, ranking, times_the_least
 from inscrutable.experiments.studies.study import tasks_text
 from inscrutable.experiments.studies.sweeps import Sweep, sweep_of
-from inscrutable.labels import capital
+from inscrutable.labels import capital, number_text
 from inscrutable.reports.names import full_name, spelled
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import manifest_of
@@ -37,10 +37,10 @@ _UNITS = {
     "cost": "shares of E|c*|",
 }
 _WORTH = {
-    "relative": "{:g} of |c*|",
-    "regret": "{:g}",
-    "silence": "{:g} of the silence regret",
-    "cost": "{:g} of E|c*|",
+    "relative": "{} of |c*|",
+    "regret": "{}",
+    "silence": "{} of the silence regret",
+    "cost": "{} of E|c*|",
 }
 _HOLDS = {"each": "for every belief", "mean": "in expectation, the same for all decision makers"}
 
@@ -127,7 +127,7 @@ def _table(study: Study, means: StudyMeans, setting: int, number: int) -> PageTa
         cells = [_cell(means.mean[setting, place, f], means.half_width[setting, place, f]) for f in range(len(counts))]
         done = f"{counts.max()} of {repeats}" if counts.max() < repeats else str(counts.max())
         times = [f"{costs[place]:.2g}" if costs[place] > 0 else "–"] if differ else []
-        rows.append([spelled(maker), "–" if budget is None else f"{budget:g}", done, *cells, *times])
+        rows.append([spelled(maker), "–" if budget is None else number_text(budget), done, *cells, *times])
     titles = [_TIMES] if differ else []
     columns = ["Decision maker", "budget", "repeats", *map(title_of, means.figures), *titles]
     heading = means.settings[setting] or "All figures"
@@ -153,7 +153,7 @@ def _sliders(means: StudyMeans, shown: Sequence[int], worth: str) -> list[PageSl
     middle = 0 if means.middle_budget is None else means.amounts.index(means.middle_budget)
     found = [
         PageSlider("figure", "Figure", [title_of(each) for each in means.figures], _first_figure(means)),
-        PageSlider("budget", "Budget", [worth.format(each) for each in means.amounts], middle),
+        PageSlider("budget", "Budget", [worth.format(number_text(each)) for each in means.amounts], middle),
         PageSlider("setting", "Setting", [means.settings[place] for place in shown], means.first_setting(shown)),
     ]
     return [each for each in found if each.is_movable]
@@ -311,7 +311,7 @@ def _verdict(study: Study, means: StudyMeans) -> list[str]:
     if not places:
         return [f"{study.status().done} tasks have figures; the table has their means."]
     setting, budget = means.first_setting(), means.middle_budget
-    at = [] if budget is None else [f"at a budget of {_WORTH[file_of(study).budgets.unit].format(budget)}"]
+    at = [] if budget is None else [f"at a budget of {_WORTH[file_of(study).budgets.unit].format(number_text(budget))}"]
     at += [f"in the setting {means.settings[setting]}"] if means.settings[setting] else []
     found = {place: ranking(means, setting, budget, place) for place in places}
     holds = protection(means, setting, budget, spoken=full_name)

@@ -17,7 +17,9 @@ from scipy import stats
 import browser
 from inscrutable import InputError, Study, cli, run_study
 from inscrutable.experiments.holding import Reached, Requirement
+from inscrutable.experiments.makers import MAKERS, Takes
 from inscrutable.experiments.studies.grid import StudyGrid, Variant
+from inscrutable.experiments.studies.layout import BudgetSection
 from inscrutable.experiments.studies.means import StudyMeans, labels, means_of, spoken_observer
 from inscrutable.experiments.studies.ranking import ranking
 from inscrutable.experiments.studies.store import STORE
@@ -227,6 +229,32 @@ def test_failures_are_told_once_with_their_tasks(tmp_path: Path) -> None:
         f"{len(tasks)} tasks ({', '.join(map(str, tasks[:5]))}, …): {reason}" for reason, tasks in reasons.items()
     )
     assert f"{len(failed)} of {study.n_tasks} tasks failed" in " ".join(read.inside["p"])
+
+
+@pytest.mark.parametrize(
+    ("makers", "hold", "said"),
+    [
+        (["ODM", "uniform"], "each", "shares of |c*|, at every belief."),
+        (["ODM", "exponential"], "each", "shares of |c*|, in expectation over the beliefs."),
+        (
+            ["ODM", "exponential", "uniform", "CDM", "coin", {"name": "rounding", "step": 0.5}],
+            "each",
+            "shares of |c*|, at every belief for uniform and CDM, in expectation over the beliefs for exponential and coin.",
+        ),
+        (["ODM", "exponential", "uniform"], "mean", "shares of |c*|, in expectation over the beliefs."),
+    ],
+)
+def test_the_page_says_where_budgets_hold(makers: list[Any], hold: str, said: str, tmp_path: Path) -> None:
+    """Makers of noise take a budget in expectation alone."""
+    study = Study.of(PLAN | {"repeats": 1, "decision_makers": makers, "budgets": {"values": [0.1], "hold": hold}})
+    page = write_page(run_study(study, tmp_path / "study", limit=1), tmp_path / "report.html")
+    assert f"budgets: {said}" in " ".join(Reader(page).inside["p"])
+
+
+def test_the_document_names_who_takes_a_budget_at_every_belief() -> None:
+    text = " ".join((BudgetSection.__doc__ or "").split())
+    told = text.partition("holds at every belief for ")[2].partition(" and rules of your own")[0]
+    assert told.split(", ") == [name for name, kind in MAKERS.items() if kind.takes is Takes.EACH]
 
 
 def test_the_page_opens_at_the_setting_of_its_verdict_and_draws_no_rounding(tmp_path: Path) -> None:

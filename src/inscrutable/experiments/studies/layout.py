@@ -176,9 +176,10 @@ JUDGED = ("error", "top_state")
 class BudgetSection(Section):
     """The budget of privacy.
 
-    The unit "relative" is the paper's, a share of |c*| at every belief; "regret" is the cost's own unit; "silence" is a share
-    of the silence regret r₀; "cost" is a share of E|c*|. With `hold` "each" the budget holds at every belief; with "mean"
-    every decision maker spends it in expectation, or less where it cannot.
+    The unit "relative" is the paper's, a share of |c*|; "regret" is the cost's own unit; "silence" is a share of the silence
+    regret r₀; "cost" is a share of E|c*|. With `hold` "each" the budget holds at every belief for CDM, PDM, uniform,
+    Stackelberg and rules of your own, and in expectation over the beliefs for all others; with "mean" every decision maker
+    spends it in expectation, or less where it cannot.
     """
 
     values: Grid[NonNegative] = (0.1,)

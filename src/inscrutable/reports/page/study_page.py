@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from inscrutable.experiments.makers import Takes
 from inscrutable.experiments.measures import HEADLINES, MEASURES, OF_OBSERVERS
 from inscrutable.experiments.studies import Study
 from inscrutable.experiments.studies.grid import StudyGrid
@@ -16,7 +17,7 @@ from inscrutable.experiments.studies.means import Figure, StudyMeans, means_of, 
 from inscrutable.experiments.studies.ranking import SAME_COST, Ranking, protection, ranking, times_the_least
 from inscrutable.experiments.studies.study import tasks_text
 from inscrutable.experiments.studies.sweeps import Sweep, sweep_of
-from inscrutable.labels import capital, number_text
+from inscrutable.labels import capital, listed, number_text
 from inscrutable.reports.names import full_name, spelled
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import manifest_of
@@ -31,7 +32,7 @@ _DECIMALS = 12
 _COSTS = ("silence_share", "cost_share", "expected_regret", "worst_regret")
 """Measures of cost, the most informative first."""
 _UNITS = {
-    "relative": "shares of |c*| at every belief",
+    "relative": "shares of |c*|",
     "regret": "in the cost's unit",
     "silence": "shares of the silence regret",
     "cost": "shares of E|c*|",
@@ -42,7 +43,7 @@ _WORTH = {
     "silence": "{} of the silence regret",
     "cost": "{} of E|c*|",
 }
-_HOLDS = {"each": "for every belief", "mean": "in expectation, the same for all decision makers"}
+_HOLDS = {True: "at every belief", False: "in expectation over the beliefs"}
 
 
 def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) -> PageContent:
@@ -51,7 +52,7 @@ def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) 
     shown = _shown(means)
     sweep = sweep_of(study.gridded()[0], list(dict.fromkeys(means.makers)))
     section = file_of(study).budgets
-    spent = ", ".join(filter(None, [_UNITS[section.unit], "" if section.unit == "relative" else _HOLDS[section.hold]]))
+    spent = f"{_UNITS[section.unit]}, {_held(study)}"
     header = ". ".join(filter(None, [study.plan.note.rstrip("."), f"{tasks_text(study.n_tasks)}; budgets: {spent}"]))
     return PageContent(
         title=title or study.plan.name,
@@ -74,6 +75,19 @@ def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) 
         script="study.js" if status.done else None,
         data=page_data(means, shown) | {"sweep": _sweep_data(sweep, shown)},
     )
+
+
+def _held(study: Study) -> str:
+    """Return where a budget holds, and for which decision makers where that differs."""
+    plan, found = file_of(study), dict[bool, list[str]]()
+    for name in dict.fromkeys(
+        maker.data["name"] for maker, budget in study.gridded()[0].plays if maker.data and budget.data
+    ):
+        is_each = plan.budgets.hold == "each" and plan.maker_kinds[name].takes is Takes.EACH
+        found.setdefault(is_each, []).append(name)
+    if len(found) < 2:
+        return _HOLDS[next(iter(found), plan.budgets.hold == "each")]
+    return ", ".join(f"{_HOLDS[each]} for {listed(found[each])}" for each in (True, False))
 
 
 _NOTES = (

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from inscrutable import Study, run_study
+from inscrutable import Study, resume_study, run_study
 from inscrutable.errors import InputError
 from inscrutable.experiments.studies import StudyProgress, executors
 from inscrutable.experiments.studies.executors import lost_row, on_cluster
@@ -81,6 +81,27 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_rows(tmp_path: Path, monke
         study = run_study(Study.of(PLAN), tmp_path / "out", cluster=address, progress=watch)
     assert 20 <= lost[0] < serial.n_tasks, "the worker was to be lost in between"
     assert table(study) == table(serial)
+
+
+@with_dask
+@pytest.mark.filterwarnings("ignore")  # of connections to the scheduler that is gone
+def test_a_lost_scheduler_is_told_and_the_study_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    from distributed import LocalCluster
+
+    def watch(progress: StudyProgress) -> None:
+        if progress.fresh:
+            threads.close()
+
+    monkeypatch.setattr(executors, "_SECONDS", 0.01)
+    with LocalCluster(n_workers=1, processes=False, dashboard_address=None, protocol="tcp://") as threads:
+        address = threads.scheduler_address
+        with pytest.raises(InputError, match=f"the Dask scheduler at {address} was lost; start one, then resume"):
+            run_study(Study.of(SMALL), tmp_path / "out", cluster=address, progress=watch)
+    assert not [each for each in caplog.records if each.name == "distributed.client"]
+    assert 0 < Study.load(tmp_path / "out").status().done < Study.of(SMALL).n_tasks
+    assert resume_study(tmp_path / "out").status().left == 0
 
 
 @with_dask

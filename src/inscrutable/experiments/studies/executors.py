@@ -6,12 +6,14 @@ affect results.
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import closing, contextmanager, suppress
 from itertools import islice
 from typing import Any
@@ -233,11 +235,26 @@ def on_cluster(address: str) -> Executor:
             client = connect(address, timeout=_WAIT, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InputError(f"no Dask scheduler answers at {address}: {error}") from None
-        with client:
+        with _quiet(), client:
             _check_workers(client, address)
-            _through_dask(client, work, Chunks(numbers), keep)
+            try:
+                _through_dask(client, work, Chunks(numbers), keep)
+            except CancelledError:
+                raise InputError(f"the Dask scheduler at {address} was lost; start one, then resume") from None
 
     return execute
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence the log of Dask's client, which prints tracebacks where the scheduler is lost; the error tells it."""
+    log = logging.getLogger("distributed.client")
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
 
 
 def _check_address(address: str) -> None:

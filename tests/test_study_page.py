@@ -273,6 +273,24 @@ def test_the_page_opens_at_the_setting_of_its_verdict_and_draws_no_rounding(tmp_
     assert all(each == 0 or abs(each) >= 1e-12 for each in numbers)
 
 
+def test_small_costs_are_shown_with_all_their_digits(tmp_path: Path) -> None:
+    """In the drawings, the table and the verdict, with costs of 1e-11; roundings stay 0."""
+    market = {"means": [[1e-9, 2e-9], [3e-9, -2e-9]], "covariances": [[[1e-9, 0.0], [0.0, 2e-9]]] * 2}
+    makers = ["ODM", "rounding", {"name": "coin", "probability": 0.7}]
+    study = costly_rule(tmp_path / "study", world={"kind": "given"} | market, decision_makers=makers)
+    means = means_of(*study.gridded())
+    place = means.place["expected_regret"]
+    costs = means.mean[0, :, place]
+    assert 1e-13 < costs[1] < costs[-1] < 1e-10
+    path = write_page(study, tmp_path / "report.html")
+    read = Reader(path)
+    shown = [play[place][0] for play in data_of(path)["cells"][0]]
+    assert shown == pytest.approx(costs, rel=1e-5, abs=0.0)
+    assert shown[0] == 0
+    assert {f"{each:.3g}" for each in costs} <= set(read.inside["td"])
+    assert f"to {costs[-1]:.3g} (coin)" in " ".join(read.inside["p"])
+
+
 def test_one_task_is_one_task(tmp_path: Path) -> None:
     study = Study.of(PLAN | {"decision_makers": "ODM", "adversaries": "naive", "problem": {}, "repeats": 1})
     assert study.summary().endswith(": 1 task")

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from inscrutable.experiments.measures import OF_OBSERVERS, WITHOUT, reads_beside
+from inscrutable.experiments.measures import MEASURES, OF_OBSERVERS, WITHOUT, reads_beside
 from inscrutable.experiments.studies.grid import StudyGrid, Variant
 from inscrutable.experiments.studies.tasks import DONE
 from inscrutable.labels import number_text
@@ -21,6 +21,8 @@ from inscrutable.validation import Array
 QUANTILES = (0.0, 0.25, 0.5, 0.75, 1.0)
 _MARKET = 4  # parts of a task's place that make its setting; then come repeat, play and observer
 _LEVEL = 0.975
+_OF_ANY_SIZE = (("expected_regret", "worst_regret", "expected_gap"), ("worth", "secret_worth"))
+"""Measures in the unit of a cost, and in that of a loss; all others of the library are of the size of 1."""
 _SPOKEN = ("public",)  # keys whose values need the key beside them
 
 
@@ -80,6 +82,18 @@ class StudyMeans:
     def place(self) -> dict[str, int]:
         """The place of a figure by its name."""
         return {figure.name: place for place, figure in enumerate(self.figures)}
+
+    @cached_property
+    def scales(self) -> list[float]:
+        """The size of each figure, to which its rounding is relative: that of the largest mean of its unit, or 1."""
+        return [self._scale(figure.measure) for figure in self.figures]
+
+    def _scale(self, measure: str) -> float:
+        unit = next((names for names in _OF_ANY_SIZE if measure in names), (measure,))
+        if measure in MEASURES and len(unit) == 1:
+            return 1.0
+        found = self.mean[:, :, [place for place, figure in enumerate(self.figures) if figure.measure in unit]]
+        return float(np.abs(found[np.isfinite(found)]).max(initial=0.0)) or 1.0
 
     @cached_property
     def amounts(self) -> list[float]:

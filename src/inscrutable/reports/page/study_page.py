@@ -12,7 +12,7 @@ from inscrutable.experiments.makers import Takes
 from inscrutable.experiments.measures import HEADLINES, MEASURES, OF_OBSERVERS
 from inscrutable.experiments.studies import Study
 from inscrutable.experiments.studies.grid import StudyGrid
-from inscrutable.experiments.studies.layout import StudyFile
+from inscrutable.experiments.studies.layout import PAID, StudyFile
 from inscrutable.experiments.studies.means import Figure, StudyMeans, means_of, spoken_observer
 from inscrutable.experiments.studies.ranking import SAME_COST, Ranking, protection, ranking, times_the_least
 from inscrutable.experiments.studies.study import tasks_text
@@ -138,7 +138,9 @@ def _table(study: Study, means: StudyMeans, setting: int, number: int) -> PageTa
     differ = bool(np.nanmax(costs, initial=1.0) > 1.0 + SAME_COST)
     for place, (maker, budget) in enumerate(zip(means.makers, means.budgets, strict=True)):
         counts = means.count[setting, place]
-        cells = [_cell(means.mean[setting, place, f], means.half_width[setting, place, f]) for f in range(len(counts))]
+        cells = [
+            _cell(means, f, means.mean[setting, place, f], means.half_width[setting, place, f]) for f in _all(means)
+        ]
         done = f"{counts.max()} of {repeats}" if counts.max() < repeats else str(counts.max())
         times = [f"{costs[place]:.2g}" if costs[place] > 0 else "–"] if differ else []
         rows.append([spelled(maker), "–" if budget is None else number_text(budget), done, *cells, *times])
@@ -151,16 +153,23 @@ def _table(study: Study, means: StudyMeans, setting: int, number: int) -> PageTa
 _TIMES = "cost, times the least at its budget"
 
 
-def _cell(mean: float, half: float) -> str:
+def _cell(means: StudyMeans, figure: int, mean: float, half: float) -> str:
     if np.isnan(mean):
         return "–"
-    return _number(mean) if np.isnan(half) else f"{_number(mean)} ± {_number(half, 2)}"
+    told = _number(means, figure, mean)
+    return told if np.isnan(half) else f"{told} ± {_number(means, figure, half, 2)}"
 
 
-def _number(value: float, digits: int = 3) -> str:
+def _number(means: StudyMeans, figure: int, value: float, digits: int = 3) -> str:
     if np.isinf(value):
         return "∞" if value > 0 else "−∞"
-    return f"{round(value, _DECIMALS) + 0.0:.{digits}g}"
+    return f"{_without_rounding(means, figure, value):.{digits}g}"
+
+
+def _without_rounding(means: StudyMeans, figure: int, value: float) -> float:
+    """Return a value of a figure to `_DECIMALS` decimals of the figure's size."""
+    scale = means.scales[figure]
+    return round(value / scale, _DECIMALS) * scale + 0.0
 
 
 def _sliders(means: StudyMeans, shown: Sequence[int], worth: str) -> list[PageSlider]:
@@ -297,11 +306,8 @@ def _all(means: StudyMeans) -> range:
 
 def _numbers(means: StudyMeans, setting: int, play: int, figure: int) -> list[float | None]:
     place = setting, play, figure
-    return [_rounded(each) for each in (means.mean[place], means.half_width[place], *means.quantiles[place])]
-
-
-def _rounded(value: float) -> float | None:
-    return float(f"{round(value, _DECIMALS) + 0.0:.{_DIGITS}g}") if np.isfinite(value) else None
+    found = (means.mean[place], means.half_width[place], *means.quantiles[place])
+    return [float(_number(means, figure, each, _DIGITS)) if np.isfinite(each) else None for each in found]
 
 
 def _headline(means: StudyMeans) -> list[int]:
@@ -372,12 +378,13 @@ def _costs_told(means: StudyMeans, found: Ranking) -> tuple[list[str], list[str]
         return ["of decision makers whose costs were not measured and may differ"], []
     if found.regret is None:
         return [], []
-    low, high = found.cheapest, found.dearest
+    low, high, paid = found.cheapest, found.dearest, means.place[PAID]
+    least, most, equal = (_number(means, paid, each) for each in (found.spent[low], found.spent[high], found.regret))
     differ = (
-        f"At this budget expected regrets differ, from {_number(found.spent[low])} ({_told(means, found.spenders[low])}) to "
-        f"{_number(found.spent[high])} ({_told(means, found.spenders[high])}), {found.times:.1f} times as much."
+        f"At this budget expected regrets differ, from {least} ({_told(means, found.spenders[low])}) to "
+        f"{most} ({_told(means, found.spenders[high])}), {found.times:.1f} times as much."
     )
-    return [f"compared at an equal expected regret of {_number(found.regret)} in the cost's unit"], [differ]
+    return [f"compared at an equal expected regret of {equal} in the cost's unit"], [differ]
 
 
 def _ranked(means: StudyMeans, setting: int, figure: int, found: Ranking) -> str:
@@ -388,8 +395,8 @@ def _ranked(means: StudyMeans, setting: int, figure: int, found: Ranking) -> str
     def cell(place: int) -> str:
         play = found.plays[place]
         if found.values[place] != means.mean[setting, play, figure]:
-            return f"about {_number(found.values[place])}"
-        return _cell(found.values[place], means.half_width[setting, play, figure])
+            return f"about {_number(means, figure, found.values[place])}"
+        return _cell(means, figure, found.values[place], means.half_width[setting, play, figure])
 
     told = [cell(0)]
     told += [f"next {_told(means, found.plays[1])}, {cell(1)}"] if len(found.plays) > 2 else []

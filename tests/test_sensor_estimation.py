@@ -269,11 +269,12 @@ def test_steps_near_a_sure_state_have_no_symbol(transition: np.ndarray, sensor: 
         low, high = found.sensor_intervals[..., 0] - 1e-6, found.sensor_intervals[..., 1] + 1e-6
         held.append((low <= table[:, order]) & (table[:, order] <= high))
     assert len(held) >= 19
+    assert np.mean(held) >= 0.75, "the frequencies of some fifty steps"
 
 
 @pytest.mark.parametrize("seed", [51, 54])
 def test_named_symbols_near_a_sure_state_do_not_contradict_a_world(seed: int) -> None:
-    """1 − π had no digits left there: the length of a column, which changes nothing, looked uncertain, and no row summed to one."""
+    """1 − π had no digits left there: the length of a column, which changes nothing, looked uncertain."""
     rng = np.random.default_rng(seed)
     _, count = int(rng.integers(2, 4)), int(rng.integers(2, 4))
     table = rng.dirichlet(np.full(count, 1.5), 2)
@@ -282,7 +283,6 @@ def test_named_symbols_near_a_sure_state_do_not_contradict_a_world(seed: int) ->
     found = estimate_world(filter_beliefs(world, symbols).beliefs, n_symbols=count, symbols=symbols)
     assert found.status is not SensorStatus.INCONSISTENT
     assert found.residual <= 1e-9
-    assert np.mean(held) >= 0.75, "the frequencies of some fifty steps"
 
 
 @pytest.mark.parametrize("seed", range(8))

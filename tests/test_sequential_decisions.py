@@ -211,6 +211,25 @@ def test_the_ceiling_is_the_least_bound_of_all_prices(fresh_rng: np.random.Gener
     assert maker.ceiling == pytest.approx(found[best], rel=2e-3)
 
 
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_a_belief_that_never_occurs_does_not_raise_the_ceiling(share: float) -> None:
+    """What tempted it counted, so that estimates were worse for the others: a bound of .0755 was .0608."""
+    beliefs = np.array([[0.9, 0.1, 0.0], [0.1, 0.9, 0.0], [0.05, 0.05, 0.9]])
+    problem = FiniteProblem([[0.0, 1.0, 0.6], [1.0, 0.0, 0.6], [1.0, 1.0, 0.0]])
+    regrets = beliefs @ problem.costs - problem.optimal_cost(beliefs)[:, None]
+    ceilings = [
+        SequentialDecisionMaker(
+            problem,
+            Budget.regret(share * float((weights @ regrets[: len(weights)]).min())),
+            chain=resting_chain(Prior(beliefs[: len(weights)], weights), 0.7),
+            calibration=PriceCalibration.at(1.0, ALONE),
+            rng=np.random.default_rng(0),
+        ).ceiling
+        for weights in (np.array([0.5, 0.5]), np.array([0.5, 0.5, 0.0]))
+    ]
+    assert ceilings[1] == pytest.approx(ceilings[0], rel=1e-4)
+
+
 def test_a_price_is_found_where_regret_falls_steeply(fresh_rng: np.random.Generator) -> None:
     """The regret is a power of the price, and short simulations are off by more than what is near enough."""
     maker = maker_of(fresh_rng)

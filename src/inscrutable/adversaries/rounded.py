@@ -33,9 +33,10 @@ from inscrutable import tolerances, validation
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
 from inscrutable.axes import Axis
-from inscrutable.errors import InputError, ModelError
+from inscrutable.errors import InputError, ModelError, SolverError
 from inscrutable.geometry import BeliefSet
 from inscrutable.problems import DecisionProblem, Polyhedron, QuadraticProblem, checked_problem
+from inscrutable.problems.forms import Lift
 from inscrutable.problems.magnitudes import MagnitudeRegion
 from inscrutable.problems.segments import MagnitudeLimit
 from inscrutable.validation import Array
@@ -138,7 +139,7 @@ def completed(problem: DecisionProblem, published: Array, half_unit: float) -> C
     kinks, rates = _kinks(problem)
     kinked = (rates > 0) & (np.abs(published - kinks) <= half_unit + tolerances.FEASIBILITY)
     for held in (kinked, np.zeros_like(kinked)) if kinked.any() else (kinked,):
-        with suppress(ModelError):  # an empty face
+        with suppress(ModelError, SolverError):  # a face that is empty, or within rounding of it
             face = _face(region, published, half_unit, np.where(held, kinks, np.nan))
             found = _changed(_nearest(face, published), published, on_face=True)
             if half_unit == 0.0 or found.adjustment <= half_unit * published.size:
@@ -148,10 +149,14 @@ def completed(problem: DecisionProblem, published: Array, half_unit: float) -> C
 
 def _kinks(problem: DecisionProblem) -> tuple[Array, Array]:
     """The kinks b (U,) of the costs, and their rates κ (U,): 0 where there are none."""
-    form = problem.quadratic_form()
-    lift = None if form is None else form.lift
-    none = np.zeros(problem.n_actions)
+    lift, none = _lift(problem), np.zeros(problem.n_actions)
     return (none, none) if lift is None else (none + lift.kinks, none + lift.rates)
+
+
+def _lift(problem: DecisionProblem) -> Lift | None:
+    """The lift of the costs; that of the smooth form as well, where no search is possible between two kinks that are close."""
+    form = problem.quadratic_form() or problem.smooth_form()
+    return None if form is None else form.lift
 
 
 def _face(region: Polyhedron, published: Array, half_unit: float, kinks: Array) -> Polyhedron:
@@ -221,8 +226,8 @@ def allowance(problem: DecisionProblem, whole: Completed, reach: Array, *, is_op
     equalities = problem.constraints.A_eq
     free = null_space(equalities) if len(equalities) else np.eye(reach.size)
     project = free @ free.T
-    form = problem.quadratic_form()
-    hessians = None if form is None else form.hessians if form.lift is None else form.lift.hessians
+    form, lift = problem.quadratic_form(), _lift(problem)
+    hessians = lift.hessians if lift is not None else None if form is None else form.hessians
     if not (whole.on_face and is_optimal) or hessians is None:
         slopes = np.abs(problem.cost_gradients(whole.action) @ project)
         return float((slopes @ reach).max())

@@ -124,6 +124,9 @@ def _all_estimates(table: StepTable, step: Step, price: float) -> tuple[Stakes, 
     offers = stakes.base[:, None] - price * table.regrets - levels[:, None]
     if table.allowed is not None:
         offers = np.where(table.allowed, offers, -_FORBIDDEN * table.unit)
+    offers[table.prior.weights < tolerances.UNHEARD_BELIEF] = (
+        -_FORBIDDEN * table.unit
+    )  # what tempts them counts nothing
     if stakes.width:
         stakes, estimates, found = _mixed_answers(stakes, estimates, -offers, tolerances.CEILING_GAP * table.unit)
     else:

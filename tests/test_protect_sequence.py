@@ -23,6 +23,7 @@ from inscrutable import (
     SequentialDecisionMaker,
 )
 from inscrutable.cli import main
+from inscrutable.decision_makers.sequential.state import SequenceState
 from inscrutable.experiments import protect_sequence, silence
 from inscrutable.experiments.attack import attack_weights
 from inscrutable.experiments.attack_over_time import attack_over_time
@@ -251,6 +252,38 @@ def test_two_rows_in_a_month_are_refused(small, tmp_path: Path) -> None:
     assert protect_step(model, BELIEF, copy).n_published == 1  # a look needs no date
 
 
+def test_dates_ascend_and_count_alike_in_any_spelling(small, tmp_path: Path) -> None:
+    model, _, state, _ = small
+    copy = Path(shutil.copy(state, tmp_path / "state"))
+    months = ["2024-04-30", "2024-05-31", "2024-06-30"]
+    assert protect_step(model, BELIEF, copy, publish=True, periods=["20240430", "20240531"]).n_published == 1
+    before = copy.read_bytes()
+    for again in (["20240430", "20240531"], ["2024-W18-2", "2024-W22-5"], ["2024-04-30T00:00", "2024-05-31 00:00"]):
+        with pytest.raises(InputError, match="has a decision on data to 2024-05-31 already"):
+            protect_step(model, BELIEF, copy, publish=True, periods=again)
+    returns = pd.DataFrame(0.01, pd.DatetimeIndex(months), list(ASSETS))
+    for back in (months[::-1], returns[::-1], returns[1::-1], [months[2], *months]):
+        with pytest.raises(InputError, match=r"periods must ascend: 2024-0(5|4)-3[01] comes after 2024-0(6|5)-3[01]"):
+            protect_step(model, BELIEF, copy, publish=True, periods=back)
+    with pytest.raises(InputError, match="periods must ascend: 2024-06-30 comes after 2024-06-30"):
+        protect_step(model, BELIEF, copy, publish=True, periods=[*months, months[2]])
+    assert copy.read_bytes() == before
+    evening = ["2024-05-31T00:00:00", "2024-05-31T18:00:00"]  # midnight is the date alone
+    assert [protect_step(model, BELIEF, copy, periods=each).n_skipped for each in (months, evening)] == [0, 0]
+
+
+def test_a_date_written_otherwise_in_an_older_file_is_that_date(small, tmp_path: Path) -> None:
+    model, _, state, _ = small
+    copy = tmp_path / "state"
+    for written in ("20240531", "2024-05-31T00:00:00"):
+        replace(SequenceState.load(state), period=written).save(copy)
+        with pytest.raises(InputError, match="has a decision on data to 2024-05-31 already"):
+            protect_step(model, BELIEF, copy, publish=True, periods=["2024-05-31"])
+    replace(SequenceState.load(state), period="May").save(copy)
+    with pytest.raises(InputError, match="has a decision on data to 'May', expected a date"):
+        protect_step(model, BELIEF, copy)
+
+
 def test_hours_are_periods_of_their_own(small, tmp_path: Path) -> None:
     model, _, state, _ = small
     copy = Path(shutil.copy(state, tmp_path / "state"))
@@ -262,6 +295,10 @@ def test_hours_are_periods_of_their_own(small, tmp_path: Path) -> None:
     found = protect_step(model, BELIEF, copy, publish=True, periods=returns[:4])
     assert (found.n_published, found.n_skipped, found.revised) == (2, 2, None)
     assert protect_step(model, BELIEF, copy, periods=returns.assign(A=returns["A"] + 1e-4)).revised
+    later = returns.assign(A=[*returns["A"][:4], 1.0])  # a row after the last decision
+    assert protect_step(model, BELIEF, copy, periods=later).revised is None
+    midnight = protect_step(model, BELIEF, tmp_path / "state", publish=True, periods=later)
+    assert (midnight.n_published, protect_step(model, BELIEF, copy, periods=later).revised) == (3, None)
 
 
 def test_months_without_a_decision_pass_for_the_observer(small, tmp_path: Path) -> None:

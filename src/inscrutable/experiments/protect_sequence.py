@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from hashlib import sha256
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
 
 _LEAST_SHOWN = 0.0005  # a weight below this is 0.0 per cent
+_TIME = "%Y-%m-%dT%H:%M:%S"
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,7 +281,6 @@ def protect_step(
     held = validation.one_belief(belief, problem.n_states, names=model.regimes)
     source = np.random.default_rng() if rng is None else validation.generator(rng)
     dates = _dates_of(periods)
-    _check_periods(dates)
     if not path.parent.exists():  # before the minute of a calibration; a mistyped path begins no other sequence
         raise InputError(f"the folder of {path} does not exist: make it, or correct the path")
     chain = chain_of(model.world)
@@ -291,14 +292,14 @@ def protect_step(
             sequence.load(path)
         else:
             sequence.save(path)
-        last = sequence.period
+        last = sequence.period = _last_date(sequence.period, path)
         end = dates[-1] if dates else None
         decided = last if end is not None and last is not None and end <= last else None
         is_whole = decided is None or end == last  # else the rows to the last decision are not all there
-        revised = last if is_whole and sequence.digest not in (None, _digest(periods, last)) else None
+        revised = last if is_whole and sequence.digest not in (None, _digest(periods, dates, last)) else None
         skipped = _begin(sequence, dates, path, publish=publish)
         if publish:
-            sequence.digest = _digest(periods, sequence.period)
+            sequence.digest = _digest(periods, dates, sequence.period)
         step = _step(model, held, (maker, sequence), path, source if publish else None)
         return replace(step, n_skipped=skipped, is_dated=bool(dates), revised=revised, decided=decided)
     finally:
@@ -322,33 +323,44 @@ def sequence_budget(model: InvestorModel, prior: Prior, path: Path) -> Budget:
 
 
 def _dates_of(periods: Sequence[str] | pd.DataFrame) -> list[str]:
-    if not isinstance(periods, pd.DataFrame):
-        return list(periods)
-    if not isinstance(periods.index, pd.DatetimeIndex):
-        raise InputError("periods must be dates, or a table with dates as its index")
-    return periods.index.strftime(_written(periods.index)).tolist()
-
-
-def _written(index: pd.DatetimeIndex) -> str:
-    """How dates are kept: with the time where any row has one."""
-    return "%Y-%m-%d" if (index == index.normalize()).all() else "%Y-%m-%dT%H:%M:%S"
-
-
-def _check_periods(periods: Sequence[str]) -> None:
+    """Return the ascending dates in one spelling, whose texts compare as the dates do."""
+    texts: Any = periods
+    if isinstance(periods, pd.DataFrame):
+        if not isinstance(periods.index, pd.DatetimeIndex):
+            raise InputError("periods must be dates, or a table with dates as its index")
+        texts = periods.index.strftime(_TIME)
     try:
-        crowded = crowded_months([datetime.fromisoformat(each) for each in periods])
+        dates = [_spelt(each) for each in texts]
     except (TypeError, ValueError) as error:
         raise InputError(f"periods must be dates such as 2024-03-31: {error}") from None
+    for before, after in pairwise(dates):
+        if after <= before:
+            raise InputError(f"periods must ascend: {after} comes after {before}")
+    crowded = crowded_months([datetime.fromisoformat(each) for each in dates])
     if crowded:
         raise InputError(f"the returns have more than one row for {', '.join(crowded[:8])}, expected one a period")
+    return dates
 
 
-def _digest(data: Sequence[str] | pd.DataFrame, last: str | None) -> str | None:
+def _spelt(date: str) -> str:
+    """A date as it is kept: as 2024-03-31, with the time of day where that is not midnight, without a time zone."""
+    return datetime.fromisoformat(date).replace(tzinfo=None).isoformat(timespec="seconds").removesuffix("T00:00:00")
+
+
+def _last_date(period: str | None, path: Path) -> str | None:
+    """The date of the last decision of a file in that spelling, which older files may not have."""
+    try:
+        return None if period is None else _spelt(period)
+    except ValueError:
+        raise InputError(f"{path} has a decision on data to {period!r}, expected a date such as 2024-03-31") from None
+
+
+def _digest(data: Sequence[str] | pd.DataFrame, dates: Sequence[str], last: str | None) -> str | None:
     """Return a hash of the data to a date, to twelve decimals and in any order of columns; None where only dates are given."""
     if last is None or not isinstance(data, pd.DataFrame):
         return None
-    rows = data.loc[:last].sort_index(axis=1).round(12) + 0.0  # no -0
-    written: Any = _written(pd.DatetimeIndex(data.index))
+    rows = data[[each <= last for each in dates]].sort_index(axis=1).round(12) + 0.0  # no -0
+    written: Any = "%Y-%m-%d" if all("T" not in each for each in dates) else _TIME
     text = rows.to_csv(index_label="date", date_format=written, float_format="%.12f", lineterminator="\n")
     return sha256(text.encode()).hexdigest()
 

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -459,6 +460,26 @@ def test_a_state_of_another_version_is_refused(
     with pytest.raises(InputError, match="its version is 2, expected 1"):
         maker.begin().load(path)
     assert path.read_bytes() == held
+
+
+def test_an_edited_state_is_refused(fresh_rng: np.random.Generator, tmp_path: Path) -> None:
+    path, maker = tmp_path / "state.npz", maker_of(fresh_rng)
+    saved(maker, path, fresh_rng)
+    held = state.SequenceState.load(path)
+    for name, wrong in {
+        "regret": (float("nan"), float("inf"), -1e-3, None),
+        "bits": (float("nan"), float("inf"), -1e-3, None),
+        "has_published": ("no", 1, None),
+        "has_looked": ("no", 0, None),
+        "period": (5, True),
+        "digest": (5,),
+        "kept": (-2, None, 0.5),
+        "latest": (None,),
+        "n_published": (0,),
+    }.items():
+        for each in wrong:
+            with pytest.raises(InputError, match=name if name != "n_published" else "0 decisions, and a latest one"):
+                replace(held, **{name: each})
 
 
 SERVING = """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cvxpy as cp
@@ -25,6 +26,7 @@ from inscrutable import (
     rounded,
     uniform_prior,
 )
+from inscrutable.decision_makers.sequential.state import SequenceState
 from inscrutable.errors import InputError
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.mechanisms.disclosures import Disclosure
@@ -275,3 +277,23 @@ def test_a_late_decision_of_two_states_is_the_closed_form() -> None:
     assert (named == states[:-late]).all()
     assert np.abs(drawn.observer_means[late:].min(axis=1) - wrong).max() < 1e-9
     assert (drawn.observer_means[:late] == 0.5).all()
+
+
+@pytest.mark.parametrize("disclosure", [every(3, 1), every(2) | delayed(3), rounded(1)])
+def test_a_saved_sequence_has_a_latest_decision_and_keeps_a_disclosed_value(
+    fresh_rng: np.random.Generator, tmp_path: Path, disclosure: Disclosure
+) -> None:
+    """The decision published last is kept also where nobody sees it; what the observer saw last is a disclosed value."""
+    path, maker = tmp_path / "state", maker_of(fresh_rng, disclosure)
+    sequence = maker.begin()
+    for step in range(4):
+        sequence.save(path)
+        held = SequenceState.load(path)
+        assert (held.latest is None, held.n_published) == (step == 0, step)
+        sequence.publish(sequence.decide(maker.beliefs[1]).sample(rng=fresh_rng).action)
+    n_values = maker.table.n_values
+    replace(held, kept=n_values - 1).save(path)
+    maker.begin().load(path)
+    replace(held, kept=n_values).save(path)
+    with pytest.raises(InputError, match=f"is damaged: it kept value {n_values} of {n_values}"):
+        maker.begin().load(path)

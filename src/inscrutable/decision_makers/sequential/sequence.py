@@ -357,6 +357,8 @@ class DecisionSequence(Summarised, KeptInFile):
                 f"{path} cannot be continued: {error}. Go on as it was begun (budgets and limits may be left out), or begin "
                 "another sequence in another file: the observer remembers this one all the same"
             ) from None
+        if found.kept >= self._table.n_values:
+            raise InputError(f"{path} is damaged: it kept value {found.kept} of {self._table.n_values}")
         return found
 
     def summary(self) -> str:

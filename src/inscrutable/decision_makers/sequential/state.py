@@ -130,13 +130,24 @@ class SequenceState(Saved):
             raise InputError(f"its version is {self.version!r}, expected {VERSION}")
         for name in ("n_published", "n_approximate", "n_off_grid", "price_index", "n_steps"):
             validation.count(getattr(self, name), name, least=0)
+        for name in ("regret", "bits"):
+            validation.non_negative(getattr(self, name), name)
+        for name in ("has_published", "has_looked"):
+            if not isinstance(getattr(self, name), bool):
+                raise InputError(f"{name} must be True or False, got {getattr(self, name)!r}")
+        for name in ("period", "digest"):
+            if not isinstance(getattr(self, name), (str, type(None))):
+                raise InputError(f"{name} must be a text or None, got {getattr(self, name)!r}")
         law = validation.stochastic_rows(self.state, "law", ndim=1)
         if len(law) != len(self.problem.beliefs):
             raise InputError(f"it has a law of {len(law)} beliefs, expected {len(self.problem.beliefs)}")
         if self.price_index >= len(self.calibration.shares):
             raise InputError(f"it has price {self.price_index} of {len(self.calibration.shares)}")
-        if not -1 <= self.kept < len(self.problem.decisions):
-            raise InputError(f"it kept decision {self.kept} of {len(self.problem.decisions)}")
+        validation.count(self.kept, "kept", least=-1)
+        if (self.latest is None) != (self.n_published == 0):
+            raise InputError(
+                f"it has {self.n_published} decisions, and {'no' if self.latest is None else 'a'} latest one"
+            )
         if self.latest is not None:
             shape = validation.finite_array(self.latest, "latest", ndim=1).shape
             if shape != self.problem.decisions.shape[1:]:

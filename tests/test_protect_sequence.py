@@ -102,6 +102,20 @@ def test_the_budget_is_that_of_the_file_and_of_a_new_one_half_of_silence(small, 
     assert "So the rule is silent" in silent.summary()
 
 
+def test_a_new_sequence_has_a_budget_to_spend(small, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model, file, _, _ = small
+    for nothing in (Budget.regret(0.0), Budget.regret(1e-18), Budget.relative(0.0)):
+        with pytest.raises(InputError, match="leaves only optimal decisions"):
+            protect_step(model, BELIEF, tmp_path / "state", nothing)
+    call = ["protect", "--model", str(file), "--belief", "0.25,0.75", "--state", str(tmp_path / "state")]
+    assert main([*call, "--budget", "0"]) == 3
+    assert "a budget of 0 leaves only optimal decisions" in capsys.readouterr().err
+    assert not (tmp_path / "state").exists()
+    same = MarkowitzProblem(MEANS[[0, 0]], SPREADS[[0, 0]], 4.0)  # silence is free
+    alike = InvestorModel(model.world, same, ASSETS, REGIMES, Budget.regret(0.0), "made for a test")
+    assert protect_step(alike, BELIEF, tmp_path / "state", Budget.regret(0.0)).silence == 0.0
+
+
 def test_a_file_of_another_budget_or_a_damaged_one_is_refused_and_kept(small, tmp_path: Path) -> None:
     model, _, state, _ = small
     copy = Path(shutil.copy(state, tmp_path / "state"))

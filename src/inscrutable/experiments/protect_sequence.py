@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from inscrutable import validation
+from inscrutable import tolerances, validation
 from inscrutable.axes import Axis
 from inscrutable.budgets import Budget, SilenceShare, as_budget
 from inscrutable.datasets import crowded_months
@@ -255,9 +255,9 @@ def protect_step(
             itself, such as returns, with these dates as its index: a change of its earlier rows is then reported.
 
     Raises:
-        InputError: An argument is malformed, the file is damaged or of another problem or budget, or in use, or has a decision
-            on the last period or a later one, or on a date between the periods, or on any period where none is given for a
-            decision to publish; it is unchanged.
+        InputError: An argument is malformed, a new file's budget is 0 and silence costs more, or the file is damaged or of
+            another problem or budget, or in use, or has a decision on the last period or a later one, or on a date between the
+            periods, or on any period where none is given for a decision to publish; it is unchanged.
         SolverError: No price was found at which the budget is met.
 
     Cost: some milliseconds, plus a calibration of up to a minute for a new file.
@@ -291,6 +291,7 @@ def protect_step(
         if path.exists():
             sequence.load(path)
         else:
+            _check_budget(maker)
             sequence.save(path)
         last = sequence.period = _last_date(sequence.period, path)
         end = dates[-1] if dates else None
@@ -320,6 +321,17 @@ def sequence_budget(model: InvestorModel, prior: Prior, path: Path) -> Budget:
     if path.exists():
         return Budget.regret(SequenceState.load(path).problem.limit)
     return SilenceShare(SHARE_OF_SILENCE).of(silence_regret(model.problem, prior.beliefs, prior.weights))
+
+
+def _check_budget(maker: SequentialDecisionMaker) -> None:
+    """Raise `InputError` for a budget that is lost in rounding and does not pay for silence: no price spends it."""
+    table = maker.table
+    rounding = tolerances.COST_ROUNDING * float(np.abs(table.optimal_costs).max())
+    if maker.limit <= rounding < silence_regret(maker.problem, table.prior.beliefs, table.prior.weights):
+        raise InputError(
+            f"a budget of {maker.limit:g} leaves only optimal decisions, to which a sequence adds nothing: publish them "
+            "without one, or take a larger budget, such as silence:0.5"
+        )
 
 
 def _dates_of(periods: Sequence[str] | pd.DataFrame) -> list[str]:

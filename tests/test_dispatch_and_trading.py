@@ -303,6 +303,29 @@ def test_former_weights_of_a_hundredth_of_the_least_slack_have_a_quadratic_form(
         assert with_transaction_costs(plain, [weight, 1.0 - weight], linear=0.02).quadratic_form() is not None
 
 
+@pytest.mark.parametrize(("linear", "quadratic"), [(0.001, 0.0), (0.001, 0.2), (0.0, 0.2)])
+def test_costs_on_a_problem_whose_limit_has_a_former_weight_of_nearly_zero(linear, quadratic):
+    former = np.array([0.6, 0.4 - 5e-7, 5e-7])
+    means = np.array([[0.1, 0.2, 0.3], [0.3, 0.1, 0.1]])
+    plain = MarkowitzProblem(means, [np.eye(3)] * 2, 1.0, simplex(3) & turnover(former, 0.2))
+    problem = with_transaction_costs(plain, former, linear=linear, quadratic=quadratic)
+    belief, u = np.array([0.6, 0.4]), cp.Variable(3, nonneg=True)
+    cost = cp.sum_squares(u) - (belief @ means) @ u + quadratic * cp.sum_squares(u - former)
+    cost += linear * cp.norm1(u - former)
+    least = cp.Problem(cp.Minimize(cost), [cp.sum(u) == 1, cp.norm1(u - former) <= 0.2]).solve(solver=cp.CLARABEL)
+    assert problem.optimal_cost(belief) == pytest.approx(least, abs=1e-8)
+    assert consistent_beliefs(problem, problem.solve(belief)).contains(belief)
+
+
+def test_costs_on_a_derived_class_with_costs_of_its_own_are_refused():
+    class Own(MarkowitzProblem):
+        def state_costs(self, actions):
+            return 2.0 * super().state_costs(actions)
+
+    with pytest.raises(InputError, match="need a QuadraticProblem"):
+        with_transaction_costs(Own(np.eye(2), [np.eye(2)] * 2, 1.0), [0.5, 0.5], linear=0.02)
+
+
 @pytest.mark.parametrize(("seed", "gap"), some([(4, 3e-6), (3, 2e-5), (15, 2e-5), (15, 8e-5)], 2))
 def test_a_limit_from_weights_rounded_hides_as_one_from_those_of_the_trading_costs(seed, gap):
     rng = np.random.default_rng(seed)

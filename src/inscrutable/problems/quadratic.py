@@ -92,7 +92,7 @@ class QuadraticProblem(DecisionProblem):
 
     def quadratic_form(self) -> QuadraticForm | None:
         """Return H_i, g_i, r_i and C; None for a derived class with its own costs or gradients."""
-        if not self._has_these_costs:
+        if not self.has_these_costs:
             return None
         if self.lifted is not None:
             return self.lifted.quadratic_form()
@@ -100,7 +100,7 @@ class QuadraticProblem(DecisionProblem):
 
     def linear_form(self) -> LinearForm | None:
         """Return g_i and C where every cost is linear."""
-        flat = self._has_these_costs and not self.hessians.any()
+        flat = self.has_these_costs and not self.hessians.any()
         if self.lifted is not None:
             return (
                 LinearForm(self.lifted.problem.linear, self.lifted.problem.constraints, self.lifted.lift)
@@ -111,13 +111,13 @@ class QuadraticProblem(DecisionProblem):
 
     def smooth_form(self) -> SmoothForm:
         """Return the costs' gradients, and the size of g_i as that of their terms."""
-        size = float(np.abs(self.linear).max(initial=0.0)) if self._has_these_costs else 0.0
+        size = float(np.abs(self.linear).max(initial=0.0)) if self.has_these_costs else 0.0
         if self.lifted is not None:
             return self.lifted.smooth_form()
         return SmoothForm(self.constraints, self.cost_gradients, size=size)
 
     @property
-    def _has_these_costs(self) -> bool:
+    def has_these_costs(self) -> bool:
         """Whether no derived class overrides the costs."""
         stated = ("state_costs", "cost_gradients")
         return all(getattr(type(self), name) is getattr(QuadraticProblem, name) for name in stated)

@@ -66,9 +66,9 @@ def with_transaction_costs(
 
 def _unlifted(problem: DecisionProblem) -> QuadraticProblem | None:
     """The quadratic problem in the decision itself, None where there is none."""
+    if isinstance(problem, QuadraticProblem):
+        return problem if problem.has_these_costs else None
     form = problem.quadratic_form() if isinstance(problem, DecisionProblem) else None
-    if form is not None and isinstance(problem, QuadraticProblem):
-        return problem
     return None if form is None or form.lift is not None else quadratic_problem(problem)
 
 

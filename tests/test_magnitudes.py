@@ -380,6 +380,28 @@ def test_labels_go_with_the_limits():
     assert "S0" in str(told)
 
 
+@pytest.mark.parametrize("dust", some([1e-12, 1e-10, 5e-10, 1e-9, None], 3))
+@pytest.mark.parametrize("kind", ["costs", "limit", "limit first", "both"])
+@pytest.mark.parametrize("count", [1, 3])
+def test_former_weights_just_below_zero_where_gross_equals_net(dust, kind, count, fresh_rng):
+    """A gross exposure of 1 with a net one of 1 is the simplex: decisions are those of long-only portfolios."""
+    rng, size = fresh_rng, 5
+    dust = 10 ** fresh_rng.uniform(-14, -8) if dust is None else dust
+    former = np.append(rng.dirichlet(np.ones(size - count)), np.full(count, -dust))
+    means, covariances = market(size, 2, rng)
+    beliefs, found = rng.dirichlet(np.ones(2), 3), []
+    for region in (long_short(size, gross=1.0), simplex(size)):
+        limited = turnover(former, 0.3) & region if kind == "limit first" else region & turnover(former, 0.3)
+        problem = MarkowitzProblem(means, covariances, 1.0, region if kind == "costs" else limited)
+        if kind in ("costs", "both"):
+            problem = with_transaction_costs(problem, former, linear=0.001)
+        found.append(problem.solve(beliefs))
+        assert all(
+            consistent_beliefs(problem, action).contains(pi) for pi, action in zip(beliefs, found[-1], strict=True)
+        )
+    np.testing.assert_allclose(found[0], found[1], atol=1e-7)
+
+
 @pytest.mark.parametrize("unit", [1e-3, 1e3])
 def test_a_limit_in_another_unit_is_as_far_exceeded(unit):
     rng = np.random.default_rng(20261127)

@@ -67,8 +67,11 @@ class Segments:
         self.region, self.limits = region, tuple(limits)
         self._lower, self._upper = region.coordinate_bounds
         self._least, self._most = _reach(region)
-        own = [row for each in self.limits for row in np.where(each.weights > 0, each.centers, np.nan)]
-        kinks = [self._inside(j, np.array(each)) for j, each in enumerate(zip(*breakpoints, *own, strict=True))]
+        rows = [row for each in self.limits for row in np.where(each.weights > 0, each.centers, np.nan)]
+        # Of breakpoints that are nearly one a limit's is kept, and of limits' the nearest to zero: where gross and net exposure
+        # are both 1, no decision would satisfy a limit on gross exposure whose breakpoint is moved by rounding.
+        own = np.take_along_axis(np.array(rows), np.argsort(np.abs(rows), axis=0), axis=0) if rows else ()
+        kinks = [self._inside(j, np.array(each)) for j, each in enumerate(zip(*own, *breakpoints, strict=True))]
         self._set_up(kinks, region.n_actions)
         least = region.min_slack * (1.0 + tolerances.SLACK_SAFETY)
         gaps = np.where(self._kind == _PLAIN, np.inf, self._ends)
@@ -83,10 +86,14 @@ class Segments:
         self.columns[self._place, np.arange(self._place.size)] = self._sign / self.stretch
 
     def _inside(self, j: int, places: Array) -> Array:
-        """The different breakpoints of a coordinate that lie between its least and greatest value, in order."""
+        """The different breakpoints of a coordinate that lie between its least and greatest value, sorted; of those that are
+        nearly one the first is kept."""
         near = tolerances.FEASIBILITY
-        known = np.unique(places[(places > self._least[j] + near) & (places < self._most[j] - near)])
-        return known[np.diff(known, prepend=-np.inf) > near]
+        known: list[float] = []
+        for place in places[(places > self._least[j] + near) & (places < self._most[j] - near)]:
+            if all(abs(place - each) > near for each in known):
+                known.append(float(place))
+        return np.sort(known)
 
     def _set_up(self, kinks: list[Array], size: int) -> None:
         """Columns: above the last breakpoint, below the first, between two, and coordinates without breakpoints."""

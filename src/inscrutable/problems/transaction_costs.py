@@ -144,7 +144,8 @@ class TradingProblem(DecisionProblem):
         return self.untraded.costs_are_unique
 
     def solve(self, beliefs: ArrayLike) -> Array:
-        """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U); untraded coordinates keep u⁰ exactly."""
+        """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U); untraded coordinates keep u⁰ exactly, or the
+        breakpoint of a limit within 1e-9 of it."""
         return self._lifted.lift.decisions(self._lifted.problem.solve(self.check_beliefs(beliefs)))
 
     def state_costs(self, actions: ArrayLike) -> Array:

@@ -212,6 +212,18 @@ def test_the_ceiling_is_the_least_bound_of_all_prices(fresh_rng: np.random.Gener
     assert maker.ceiling == pytest.approx(found[best], rel=2e-3)
 
 
+def test_a_budget_of_nothing_is_spent_by_optimal_decisions() -> None:
+    """A regret of 3e-17 was above it at every price, and the next price 0 to a negative power."""
+    rng = np.random.default_rng(0)
+    problem = MarkowitzProblem(rng.normal(size=(2, 3)), [0.3 * np.eye(3) + 0.1] * 2, 3.0)
+    chain = resting_chain(uniform_prior(2, 6), 0.7)
+    maker = SequentialDecisionMaker(problem, Budget.regret(0.0), chain=chain, rng=rng)
+    with draft_simulations():
+        assert maker.calibration.status is PriceStatus.CALIBRATED
+    assert maker.calibration.regret == 0.0
+    assert maker.begin().expected.regret <= 1e-12 * np.abs(maker.table.optimal_costs).max()
+
+
 @pytest.mark.parametrize("share", [0.1, 0.3])
 def test_a_belief_that_never_occurs_does_not_raise_the_ceiling(share: float) -> None:
     """What tempted it counted, so that estimates were worse for the others: a bound of .0755 was .0608."""

@@ -163,6 +163,8 @@ def tried(market: _Market, prices: Prices, n_steps: int) -> PriceTrial:
     # The floor is that of an observer without the public symbols: one who reads them may lose less.
     least = -np.inf if market.table.stakes.ignores_public else 0.0
     regret, loss, bits = np.maximum(values.mean(axis=1), [0.0, least, 0.0])
+    if regret <= tolerances.COST_ROUNDING * np.abs(market.table.optimal_costs).max():
+        regret = 0.0
     return PriceTrial(prices.regret, float(regret), float(errors[0]), float(loss), float(errors[1]), float(bits))
 
 
@@ -307,7 +309,8 @@ def _approached(market: _Market, prices: Prices, slope: float, n_steps: int, mos
         if low is not None and high is not None:
             price = _between(limit, low, high)
         elif trial.regret > 0:
-            price = trial.price * float(np.clip((limit / trial.regret) ** (1.0 / slope), 0.7, 1.4))
+            apart = np.log(max(limit, tolerances.TINY) / trial.regret) / slope
+            price = trial.price * float(np.exp(np.clip(apart, *np.log([0.7, 1.4]))))
         else:
             break
         prices = prices._replace(regret=price)

@@ -14,6 +14,7 @@ from inscrutable import (
     FiniteProblem,
     Infeasibility,
     KellyProblem,
+    LinearProblem,
     MarkowitzProblem,
     NonExistence,
     NonUniqueness,
@@ -25,6 +26,7 @@ from inscrutable import (
     decoy_grid,
     plausibility_gap,
     random_candidates,
+    simplex,
 )
 from inscrutable.adversaries.plausibility import nearest_explanation
 from inscrutable.decision_makers import indicator_search
@@ -360,3 +362,42 @@ def test_choices_that_no_belief_explains_are_infinitely_private_where_asked():
     problem = FiniteProblem([[0.0, 2.0, 1.1], [2.0, 0.0, 1.1]])
     maker = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(1.0), on_empty="infinite")
     assert maker.decide([0.9, 0.1]).action == 2
+
+
+def squares() -> QuadraticProblem:
+    """|u − a_i|² over the unit square."""
+    aims = np.array([[0.7, 0.2], [0.2, 0.6]])
+    return QuadraticProblem(
+        np.tile(2.0 * np.eye(2), (2, 1, 1)),
+        -2.0 * aims,
+        (aims**2).sum(axis=1),
+        constraints=box(np.zeros(2), np.ones(2)),
+    )
+
+
+def market() -> MarkowitzProblem:
+    covariances = [np.diag([0.002, 0.001, 0.0002]), np.diag([0.01, 0.003, 0.0003])]
+    return MarkowitzProblem([[0.02, 0.01, 0.005], [-0.03, 0.0, 0.004]], covariances, risk_aversion=5.0)
+
+
+@pytest.mark.parametrize(
+    ("problem", "margin", "most"),
+    [(squares(), 0.1, 0.11), (squares(), 0.3, 0.33), (market(), 0.001, 0.00105), (market(), 0.004, 0.0042)],
+)
+def test_a_large_margin_is_reached(problem, margin, most):
+    """No decision whose gap is the margin costs less than it; some are found at little more."""
+    belief = [0.6, 0.4] if most > 0.1 else [0.8, 0.2]
+    found = cheapest_privacy(problem, belief, Infeasibility(margin), privacy=0.0)
+    assert margin <= found.regret <= most
+    assert plausibility_gap(problem, found.action) >= margin
+    for maker in (CounterAdversarialDecisionMaker, ProbabilisticDecisionMaker):
+        decided = maker(problem, Infeasibility(margin), Budget.regret(20.0 * most)).decide(belief)
+        assert decided.status is not DecisionStatus.NO_AFFORDABLE_PRIVACY
+
+
+def test_the_exact_programme_is_asked_where_no_candidate_meets_the_goal():
+    problem, belief = LinearProblem([[1.0, 2.0, 3.0], [3.0, 1.0, 2.5]], simplex(3)), [0.6, 0.4]
+    found = cheapest_privacy(problem, belief, Infeasibility(0.6), privacy=0.0, candidates=[[0.0, 1.0, 0.0]])
+    decided = CounterAdversarialDecisionMaker(problem, Infeasibility(0.6), Budget.regret(10.0)).decide(belief)
+    assert found.regret == pytest.approx(decided.regret, abs=1e-6)
+    assert np.isinf(cheapest_privacy(problem, belief, Infeasibility(3.0), privacy=0.0).regret)

@@ -289,7 +289,7 @@ def decided_by(problem: DecisionProblem, decoys: Array) -> Candidates:
 
 def near_decoys(problem: DecisionProblem, points: int = DEFAULT_SIZE) -> Candidates:
     """Return the decisions of a coarse grid of decoys, and steps from these toward decisions in which a coordinate is least
-    or greatest. Used where decisions that no belief explains are sought."""
+    or greatest; one goes all the way, or 99 % of it. Used where decisions that no belief explains are sought."""
     if problem.is_discrete:
         return make_candidates(problem, np.eye(problem.n_actions))
     bounding_box_of(problem)
@@ -300,7 +300,10 @@ def near_decoys(problem: DecisionProblem, points: int = DEFAULT_SIZE) -> Candida
     base = problem.solve_points(decoys)
     ends = np.unique(coordinate_ends(problem), axis=0)
     mixed = base[:, None, None] + shares[:, None] * (ends[:, None, :] - base[:, None, None, :])
-    beside = make_candidates(problem, mixed.reshape(-1, problem.n_actions))
+    # At the ends themselves other costs may have no finite slope.
+    whole = 1.0 if problem.linear_form() is not None or problem.quadratic_form() is not None else 0.99
+    outer = base.mean(axis=0) + whole * (ends - base.mean(axis=0))
+    beside = make_candidates(problem, np.vstack([mixed.reshape(-1, problem.n_actions), outer]))
     return make_candidates(problem, base, decoys).joined(beside)
 
 

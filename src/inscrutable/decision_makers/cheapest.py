@@ -156,10 +156,11 @@ class _Search:
         """
         problem, belief, frontier = self.goal.problem, self.goal.belief, self.frontier
         known = (frontier.points[:, 1] >= self.least) & (frontier.indices < len(self.candidates.actions))
-        if not known.any():
+        if not known.any() and not self.goal.measure.is_indicator:
             return None
         ends = self.candidates.actions[frontier.indices[known]]
-        found = [ends, self._on_rays(ends), *self._of_decision_maker(float(frontier.points[known][0, 0]))]
+        limit = float(frontier.points[known, 0].min(initial=np.finfo(float).max))
+        found = [ends, self._on_rays(ends), *self._of_decision_maker(limit)]
         actions = np.vstack(found)
         regrets = problem.regret(belief, actions)
         for n in np.argsort(regrets, kind="stable"):

@@ -9,6 +9,7 @@ import pytest
 
 from inscrutable import (
     Budget,
+    ConvexProblem,
     CounterAdversarialDecisionMaker,
     DecisionStatus,
     FiniteProblem,
@@ -18,8 +19,10 @@ from inscrutable import (
     MarkowitzProblem,
     NonExistence,
     NonUniqueness,
+    PiecewiseLinearProblem,
     ProbabilisticDecisionMaker,
     QuadraticProblem,
+    action_grid,
     box,
     cheapest_privacy,
     consistent_beliefs,
@@ -395,9 +398,61 @@ def test_a_large_margin_is_reached(problem, margin, most):
         assert decided.status is not DecisionStatus.NO_AFFORDABLE_PRIVACY
 
 
+def test_a_margin_is_reached_where_costs_have_no_slope_at_the_ends():
+    problem = ConvexProblem.from_functions(
+        lambda u: np.array([-np.log(u).sum() + u[0], -np.log(u) @ [1.0, 0.5]]),
+        lambda u: np.array([[1.0, 0.0] - 1.0 / u, [-1.0, -0.5] / u]),
+        simplex(2),
+    )
+    found = cheapest_privacy(problem, [0.5, 0.5], Infeasibility(2.0), privacy=0.0, candidates=near_decoys(problem, 20))
+    assert 2.0 <= found.regret < np.inf
+
+
 def test_the_exact_programme_is_asked_where_no_candidate_meets_the_goal():
     problem, belief = LinearProblem([[1.0, 2.0, 3.0], [3.0, 1.0, 2.5]], simplex(3)), [0.6, 0.4]
     found = cheapest_privacy(problem, belief, Infeasibility(0.6), privacy=0.0, candidates=[[0.0, 1.0, 0.0]])
     decided = CounterAdversarialDecisionMaker(problem, Infeasibility(0.6), Budget.regret(10.0)).decide(belief)
     assert found.regret == pytest.approx(decided.regret, abs=1e-6)
     assert np.isinf(cheapest_privacy(problem, belief, Infeasibility(3.0), privacy=0.0).regret)
+
+
+def exponentials() -> ConvexProblem:
+    """Σ_j e^{t_ij u_j} + |u|²/10 over a square, by its functions."""
+    tilts = np.array([[1.0, -0.5], [-0.7, 0.9]])
+    return ConvexProblem.from_functions(
+        lambda u: np.exp(tilts * u).sum(axis=1) + 0.1 * u @ u,
+        lambda u: tilts * np.exp(tilts * u) + 0.2 * u,
+        box(-np.ones(2), np.ones(2)),
+        strictly_convex=True,
+    )
+
+
+def kinks() -> PiecewiseLinearProblem:
+    slopes = [[[0.5, 0.0]], [[1.5, -0.5], [-1.5, 0.5]]]
+    return PiecewiseLinearProblem(slopes, [[0.5], [-0.25, 0.0]], box(-np.ones(2), np.ones(2)))
+
+
+@pytest.mark.parametrize(
+    ("problem", "measure"),
+    [
+        (squares(), Infeasibility(0.02)),
+        (squares(), Infeasibility(0.3)),
+        (squares(), NonExistence(0.2)),
+        (exponentials(), Infeasibility(0.02)),
+        (exponentials(), NonExistence(0.2)),
+        (kinks(), Infeasibility(0.1)),
+        (kinks(), NonExistence(0.2)),
+        (market(), Infeasibility(0.002)),
+    ],
+)
+def test_what_the_cheapest_privacy_costs_is_affordable(problem, measure):
+    given = action_grid(problem, 12) if measure.searches_actions else decoy_grid(problem, 12)
+    for belief in ([0.6, 0.4], [0.0855, 0.9145]):
+        least = cheapest_privacy(problem, belief, measure, privacy=0.0, candidates=given).regret
+        if np.isinf(least):
+            continue
+        for maker in (CounterAdversarialDecisionMaker, ProbabilisticDecisionMaker):
+            decided = maker(problem, measure, Budget.regret(1.001 * least), candidates=given).decide(belief)
+            assert decided.status is not DecisionStatus.NO_AFFORDABLE_PRIVACY
+            regret = decided.expected_regret if hasattr(decided, "expected_regret") else decided.regret
+            assert regret <= 1.001 * least

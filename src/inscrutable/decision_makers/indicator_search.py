@@ -106,7 +106,9 @@ def _fill(case: Case, goal: Indicator, result: IndicatorResult, part: slice) -> 
     source = np.where(met, _OWN, _NOTHING)
     actions, regrets = optimal.copy(), np.zeros(len(beliefs))
     others, sets = np.flatnonzero(~met), case.candidates.sets
-    numbers, paid = cheapest_candidates(goal, case.candidates, beliefs[others], optimal_costs[others], limits[others])
+    # Without a limit: what the budget does not afford may be lowered to what it does.
+    no_limits = np.full(len(others), np.inf)
+    numbers, paid = cheapest_candidates(goal, case.candidates, beliefs[others], optimal_costs[others], no_limits)
     found = np.flatnonzero(numbers >= 0)
     if found.size:
         chosen, paid, which = numbers[found], paid[found], others[found]
@@ -119,9 +121,12 @@ def _fill(case: Case, goal: Indicator, result: IndicatorResult, part: slice) -> 
         costs = (problem.state_costs(polished) * beliefs[which]).sum(axis=1)
         reached = np.maximum(costs - optimal_costs[which], 0.0)
         better = reached < paid
-        source[which] = np.where(better, _POLISHED, _CANDIDATE)
-        actions[which] = np.where(better[:, None], polished, candidates)
-        regrets[which] = np.where(better, reached, paid)
+        least = np.minimum(reached, paid)
+        affordable = least <= limits[which]
+        kept = which[affordable]
+        source[kept] = np.where(better, _POLISHED, _CANDIDATE)[affordable]
+        actions[kept] = np.where(better[:, None], polished, candidates)[affordable]
+        regrets[kept] = least[affordable]
     linear = problem.linear_form()
     if goal.compares_gaps and linear is not None and linear.lift is None and not problem.is_discrete:
         for t in others:

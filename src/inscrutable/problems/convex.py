@@ -180,8 +180,8 @@ class ConvexProblem(DecisionProblem):
         problem = cls.__new__(cls)
         problem._model = None
         problem._set_up(
-            lambda points: np.array([values(point) for point in points], dtype=np.float64),
-            lambda points: np.array([gradients(point) for point in points], dtype=np.float64),
+            lambda points: _at_each(values, points, costs.shape),
+            lambda points: _at_each(gradients, points, slopes.shape),
             region,
             costs.size,
         )
@@ -370,6 +370,11 @@ class ConvexProblem(DecisionProblem):
 
     def __repr__(self) -> str:
         return f"ConvexProblem({self.n_states} states, {self.n_actions} coordinates)"
+
+
+def _at_each(function: Function, points: Array, shape: tuple[int, ...]) -> Array:
+    """The values (n,…) of a function of one decision at points (n,U), of which there may be none."""
+    return np.array([function(point) for point in points], dtype=np.float64).reshape(len(points), *shape)
 
 
 class _Expected:

@@ -314,11 +314,18 @@ def test_attributes_of_the_variable_bound_decisions(attributes, region):
         np.testing.assert_allclose(problem.solve(belief), u.value, atol=1e-5)
 
 
-@pytest.mark.parametrize("attribute", ["integer", "boolean", "complex"])
+@pytest.mark.parametrize("attribute", ["integer", "boolean", "complex", "imag"])
 def test_decisions_with_gaps_are_refused(attribute):
     u = cp.Variable(2, **{attribute: True})
     with pytest.raises(InputError, match=f"attribute {attribute}"):
         ConvexProblem(u, [cp.sum(cp.real(u))], simplex(2))
+
+
+def test_a_variable_with_fixed_zeros_is_refused():
+    """Its attribute was ignored: entries fixed at zero were decided like the others."""
+    u = cp.Variable(3, sparsity=[np.array([0, 1])])
+    with pytest.raises(InputError, match=r"attribute sparsity: .*limits in `constraints`"):
+        ConvexProblem(u, [cp.sum_squares(u - 1), cp.sum_squares(u - 2)], [u <= 3])
 
 
 def test_kinks_are_seen_without_being_told():
@@ -508,3 +515,13 @@ def test_a_decision_at_the_end_of_a_cost_s_domain_is_one():
     u = cp.Variable(1)
     costs = [cp.sum(cp.exp(u)) + 1e-3 * cp.sum(u), cp.sum(cp.inv_pos(u + 2.0)) + 1e-3 * cp.sum_squares(u)]
     assert ConvexProblem(u, costs, [u <= 9]).solve([1.0, 0.0])[0] == pytest.approx(-2.0, abs=1e-3)
+
+
+def test_functions_are_called_at_no_decision_where_there_is_none():
+    problem = ConvexProblem.from_functions(
+        lambda u: np.array([u @ u, u[0]]), lambda u: np.array([2 * u, [1.0, 0.0]]), simplex(2)
+    )
+    none = np.empty((0, 2))
+    assert problem.state_costs(none).shape == (0, 2)
+    assert problem.cost_gradients(none).shape == (0, 2, 2)
+    assert problem.solve(none).shape == (0, 2)

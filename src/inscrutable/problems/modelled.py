@@ -23,8 +23,8 @@ _LONGEST_NAME = 60
 _MOST_KEPT = 10_000  # stored decisions
 _LEAST_SCALE = 2.0**-30  # costs that are flat up to rounding at these points have no scale
 _SAME = tolerances.EXACT_COST
-_FOREIGN = {"boolean", "integer", "complex", "imag"}
-"""Attributes of variables under which the feasible set is not a convex set of real vectors."""
+_BOUNDS = {"nonneg", "pos", "nonpos", "neg", "bounds"}
+"""Attributes of variables that become rows; under others the feasible set may be no convex set of real vectors."""
 _COMPILED = ("_compiled", "_cones", "_parsed", "_trees")
 _one_at_a_time = RLock()
 """Held where values are set and read: CVXPY keeps them in variables and parameters, which problems and threads may share."""
@@ -301,9 +301,12 @@ class Modelled:
         """The bounds that the variable's own attributes state."""
         attributes = self._variable.attributes
         given = {name for name, value in attributes.items() if value is not None and value is not False}
-        foreign = sorted(given & _FOREIGN)
+        foreign = sorted(given - _BOUNDS)
         if foreign:
-            raise InputError(f"variable has the attribute {foreign[0]}: decisions must be real vectors without gaps")
+            raise InputError(
+                f"variable has the attribute {foreign[0]}: decisions must be real vectors without gaps, with their limits in "
+                "`constraints` or `bounds`"
+            )
         sides = attributes.get("bounds") or (-np.inf, np.inf)
         sides = [getattr(side, "value", side) for side in sides]  # constants of CVXPY have one
         lower, upper = (np.array(np.broadcast_to(side, self.n_actions), dtype=np.float64) for side in sides)

@@ -525,3 +525,36 @@ def test_functions_are_called_at_no_decision_where_there_is_none():
     assert problem.state_costs(none).shape == (0, 2)
     assert problem.cost_gradients(none).shape == (0, 2, 2)
     assert problem.solve(none).shape == (0, 2)
+
+
+def finite_beyond_its_domain(u, kind):
+    """Costs with finite values where CVXPY calls them infinite; the least ones are inside the domain or at its end."""
+    return {
+        "cube": cp.power(u[0], 3) + 0.1 * u[0],
+        "reciprocal": cp.inv_pos(u[0]) + u[0],
+        "square of the reciprocal": cp.power(u[0], -2) + u[0],
+        "quotient": cp.quad_over_lin(1, u[0]) + u[0],
+        "power 3/2": cp.power(u[0], 1.5) + 0.2 * u[0],
+    }[kind]
+
+
+@pytest.mark.parametrize("kind", ["cube", "reciprocal", "square of the reciprocal", "quotient", "power 3/2"])
+def test_decisions_are_within_the_domain_of_the_costs(kind):
+    u = cp.Variable(1)
+    cost = finite_beyond_its_domain(u, kind)
+    problem = ConvexProblem(u, [cost, cost - 0.7 * u[0]], [u >= -1, u <= 2])
+    assert not problem.is_admissible(np.array([-0.5]))
+    with pytest.raises(InputError, match="outside the feasible set"):
+        problem.regret([1.0, 0.0], [-0.5])
+    for belief in ([0.5, 0.5], [1.0, 0.0], [0.0, 1.0]):
+        expected = cp.Problem(cp.Minimize(cost - 0.7 * belief[1] * u[0]), [u >= -1, u <= 2])
+        expected.solve(solver=cp.CLARABEL)
+        assert problem.optimal_cost(belief) == pytest.approx(expected.value, abs=1e-7)
+        assert consistent_beliefs(problem, problem.solve(belief)).contains(belief)
+
+
+def test_ends_of_a_domain_that_the_constraints_imply_are_no_rows():
+    u = cp.Variable(2)
+    costs = [cp.inv_pos(u[0] + 1.0) + cp.power(cp.sum(u), 1.5), cp.sum_squares(u) + cp.inv_pos(3.0 - u[0] - u[1])]
+    assert len(ConvexProblem(u, costs, [cp.sum(u) == 1, u >= 0]).constraints.b_ub) == 2
+    assert len(ConvexProblem(u, costs, [u >= 0]).constraints.b_ub) == 3

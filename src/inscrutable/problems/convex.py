@@ -46,7 +46,8 @@ class ConvexProblem(DecisionProblem):
 
     Args:
         variable: A `cvxpy.Variable` of shape (U,); its signs and `bounds` are constraints too.
-        costs: X convex `cvxpy` expressions in this variable alone, one per state, in the cost's unit.
+        costs: X convex `cvxpy` expressions in this variable alone, one per state, in the cost's unit. Affine ends of their
+            domains are constraints too, but for those of logarithms, which costs keep decisions from.
         constraints: A `Polyhedron`, one `cvxpy` constraint or a list of them: affine, or with norms 1 and inf, `abs`, `max`,
             `pos` and further variables that reduce to rows and to sums of magnitudes of single coordinates. Sums of more than
             ten magnitudes need quadratic or affine costs.

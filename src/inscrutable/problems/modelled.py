@@ -12,6 +12,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.errors import InputError, ModelError, SolverError
+from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.problems.cone_programmes import ConeProgramme, cone_programme
 from inscrutable.problems.constraints import Polyhedron, box
 from inscrutable.problems.expressions import Node, tree_of
@@ -42,7 +43,7 @@ class Modelled:
             raise InputError("costs is empty, expected one expression per state")
         self.n_actions = int(variable.size)
         with _one_at_a_time:
-            self.region = self._region(constraints)
+            self.region = self._within_domains(self._region(constraints))
 
     def __getstate__(self) -> dict[str, object]:
         """What is compiled from CVXPY's expressions cannot be pickled: a copy compiles its own."""
@@ -271,6 +272,17 @@ class Modelled:
             region = self._rows_of(list(constraints) if isinstance(constraints, Iterable) else [constraints])
         return region if bounds is None else region & bounds
 
+    def _within_domains(self, region: Polyhedron) -> Polyhedron:
+        """The region up to the affine ends of the costs' domains. Beyond them costs are infinite, though CVXPY has values of
+        `inv_pos` and others there."""
+        limits = [each for cost in self._costs for each in _domain(cost) if self._is_plain(each) and each.variables()]
+        if not limits:
+            return region
+        domain = self._rows_of(limits)
+        beyond = np.flatnonzero([not _implied(region, *row) for row in zip(domain.A_ub, domain.b_ub, strict=True)])
+        names = [domain.names[i] for i in beyond]
+        return region & Polyhedron(domain.A_ub[beyond], domain.b_ub[beyond], names=names) if beyond.size else region
+
     def _rows_of(self, given: list[Any]) -> Polyhedron:
         below, equal, names = [], [], {"below": [], "equal": []}  # type: ignore[var-annotated]
         lifted = [each for each in given if not self._is_plain(each)]
@@ -338,6 +350,24 @@ def _imported() -> Any:
             "ConvexProblem.from_functions"
         ) from None
     return cvxpy
+
+
+def _domain(expression: Any) -> list[Any]:
+    """The constraints of an expression's domain, but not those of logarithms: decisions stay within these by their costs. With
+    them, three states of 250 logarithms take 3 s to read, not .02 s."""
+    inner = [each for part in expression.args for each in _domain(part)]
+    return [*expression._domain(), *inner] if expression.args and type(expression).__name__ != "log" else inner
+
+
+def _implied(region: Polyhedron, row: Array, side: float) -> bool:
+    """Whether all decisions of a region satisfy a row (U,): by its box, else by a linear programme."""
+    used = np.flatnonzero(row)
+    lower, upper = region.bounding_box[used].T
+    if (row[used] * np.where(row[used] > 0.0, upper, lower)).sum() <= side:
+        return True
+    inner = region.in_decision
+    answer = minimise(-row, Rows(inner.A_ub, inner.b_ub), Rows(inner.A_eq, inner.b_eq))
+    return answer.status == OPTIMAL and -answer.value <= side + tolerances.FEASIBILITY
 
 
 def _checked_cost(state: int, cost: Any, variable: Any) -> Any:

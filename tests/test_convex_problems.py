@@ -558,3 +558,13 @@ def test_ends_of_a_domain_that_the_constraints_imply_are_no_rows():
     costs = [cp.inv_pos(u[0] + 1.0) + cp.power(cp.sum(u), 1.5), cp.sum_squares(u) + cp.inv_pos(3.0 - u[0] - u[1])]
     assert len(ConvexProblem(u, costs, [cp.sum(u) == 1, u >= 0]).constraints.b_ub) == 2
     assert len(ConvexProblem(u, costs, [u >= 0]).constraints.b_ub) == 3
+
+
+def test_costs_that_are_no_list_of_expressions_are_named():
+    u = cp.Variable(2)
+    for given in (cp.sum(u), u, cp.hstack([cp.sum(u), u[0]]), {"calm": cp.sum(u)}, 1.0):
+        with pytest.raises(InputError, match="costs must be a list with one expression of CVXPY per state, got "):
+            ConvexProblem(u, given, simplex(2))
+    for given in (cp.Minimize(cp.sum(u)), cp.Maximize(cp.sum(u)), 1.0, "u"):
+        with pytest.raises(InputError, match="the cost of state 1 must be an expression of CVXPY, got "):
+            ConvexProblem(u, [cp.sum(u), given], simplex(2))

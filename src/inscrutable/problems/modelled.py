@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from threading import RLock
@@ -38,6 +38,8 @@ class Modelled:
         if not isinstance(variable, self._cvxpy.Variable) or variable.ndim != 1:
             raise InputError(f"variable must be a cvxpy.Variable of shape (U,), got {variable!r}")
         self._solved: dict[bytes, Array] = {}
+        if not isinstance(costs, Collection) or isinstance(costs, Mapping):
+            raise InputError(f"costs must be a list with one expression of CVXPY per state, got {costs!r}")
         self._variable, self._costs = variable, [_checked_cost(i, cost, variable) for i, cost in enumerate(costs)]
         if not self._costs:
             raise InputError("costs is empty, expected one expression per state")
@@ -371,12 +373,14 @@ def _implied(region: Polyhedron, row: Array, side: float) -> bool:
 
 
 def _checked_cost(state: int, cost: Any, variable: Any) -> Any:
+    if not isinstance(cost, _imported().Expression):
+        raise InputError(f"the cost of state {state} must be an expression of CVXPY, got {cost!r}")
     for promise, kept in (
         ("scalar", lambda: cost.is_scalar()),
         ("convex by CVXPY's rules", lambda: cost.is_convex()),
         ("without parameters", lambda: not cost.parameters()),
         ("in the problem's variable alone", lambda: all(each.id == variable.id for each in cost.variables())),
     ):
-        if not hasattr(cost, "is_convex") or not kept():
+        if not kept():
             raise InputError(f"the cost of state {state} must be an expression that is {promise}, got {cost}")
     return cost

@@ -568,3 +568,34 @@ def test_costs_that_are_no_list_of_expressions_are_named():
     for given in (cp.Minimize(cp.sum(u)), cp.Maximize(cp.sum(u)), 1.0, "u"):
         with pytest.raises(InputError, match="the cost of state 1 must be an expression of CVXPY, got "):
             ConvexProblem(u, [cp.sum(u), given], simplex(2))
+
+
+@pytest.mark.parametrize(
+    ("atom", "of"),
+    [
+        (cp.huber, lambda u: cp.huber(u, 0.3)),
+        (cp.kl_div, lambda u: cp.kl_div(u + 1.0, 0.3)),
+        (cp.maximum, lambda u: cp.maximum(cp.square(u), u, 0.1)),
+    ],
+)
+def test_atoms_that_act_entry_by_entry_are_computed_for_all_decisions_at_once(atom, of, monkeypatch):
+    u, calls, numeric = cp.Variable(3), [], atom.numeric
+    problem = ConvexProblem(u, [cp.sum(of(u)), cp.sum(u)], simplex(3))
+    points = np.random.default_rng(0).dirichlet(np.ones(3), 50)
+    problem.state_costs(points)
+    monkeypatch.setattr(atom, "numeric", lambda self, values: calls.append(1) or numeric(self, values))
+    found = problem.state_costs(points)
+    assert len(calls) == 1
+    for point, costs in zip(points, found, strict=True):
+        u.save_value(point)
+        np.testing.assert_allclose(costs, [cp.sum(of(u)).value, 1.0], rtol=1e-13)
+
+
+def test_pieces_of_hubers_function_have_their_slopes_at_once(monkeypatch):
+    u, calls, slope = cp.Variable(3), [], cp.huber._grad
+    problem = ConvexProblem(u, [cp.sum(cp.huber(u - 0.2, 0.3)), cp.sum(u)], simplex(3))
+    points = np.random.default_rng(0).dirichlet(np.ones(3), 50)
+    problem.cost_gradients(points)
+    monkeypatch.setattr(cp.huber, "_grad", lambda self, values: calls.append(1) or slope(self, values))
+    np.testing.assert_allclose(problem.cost_gradients(points)[:, 0], 2.0 * np.clip(points - 0.2, -0.3, 0.3), atol=1e-15)
+    assert not calls

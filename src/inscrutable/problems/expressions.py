@@ -33,6 +33,7 @@ class Node:
     slope: Array | None = None  # (U, size)
     children: list[Node] = field(default_factory=list)
     slopes: list[Array | None] | None = None  # (child's size, size) of an affine atom, None for constants
+    is_entrywise: bool = False  # whether each entry depends on the same entries of its arguments alone
     derivative: Function | None = None  # the slope of a function of one argument, entry by entry
     gather: tuple[Function, Function] | None = (
         None  # value (n,) and gradient (n, child's size) of a function of one vector
@@ -56,8 +57,8 @@ class Node:
                     total += child.values(points) @ slope
             return total
         inner = [child.values(points) for child in self.children]
-        if self.derivative is not None:
-            return np.asarray(self.expression.numeric([inner[0]]))
+        if self.is_entrywise:
+            return np.asarray(self.expression.numeric(inner))
         if self.gather is not None:
             return self.gather[0](inner[0])[:, None]
         return np.array(
@@ -101,6 +102,7 @@ class Node:
 def tree_of(expression: Any, variable: Any) -> Node:
     """Return the tree of an expression in `variable` alone; the variable's value is changed."""
     from cvxpy.atoms.affine.affine_atom import AffAtom
+    from cvxpy.atoms.elementwise.elementwise import Elementwise
 
     node = Node(expression, tuple(expression.shape))
     if expression.is_constant():
@@ -117,6 +119,9 @@ def tree_of(expression: Any, variable: Any) -> Node:
         if isinstance(expression, AffAtom):
             _describe_affine(node)
         else:
+            node.is_entrywise = isinstance(expression, Elementwise) and all(
+                child.size == 1 or child.shape == node.shape for child in node.children
+            )
             node.derivative, node.gather = _entrywise(node), _gathered(node)
     return node
 
@@ -136,8 +141,11 @@ def _describe_affine(node: Node) -> None:
 def _entrywise(node: Node) -> Function | None:
     """The slope of an atom that acts on every entry separately."""
     name = type(node.expression).__name__
-    if len(node.children) != 1 or node.children[0].shape != node.shape:
+    if not node.is_entrywise or len(node.children) != 1:
         return None
+    if name == "huber":
+        most = float(node.expression.M.value)
+        return lambda x: 2.0 * np.clip(x, -most, most)
     if name.lower().startswith("power"):
         return _power_slope(float(node.expression.p.value))
     return _ENTRYWISE.get(name)

@@ -17,6 +17,7 @@ from inscrutable import (
     PiecewiseLinearProblem,
     ProbabilisticDecisionMaker,
     box,
+    cheapest_privacy,
     consistent_beliefs,
     decoy_grid,
     simplex,
@@ -219,3 +220,48 @@ def test_decisions_whose_rows_have_too_many_facets_are_left_out_and_said(caplog:
     assert "very many kinks and constraints meet are left out" in caplog.text
     assert consistent_beliefs(problem, decision.action).distance([0.2, 0.3, 0.5]) == pytest.approx(decision.privacy)
     assert decision.privacy > 0.7
+
+
+BEYOND_KINKS = [
+    (
+        PiecewiseLinearProblem(
+            [[[-1.5], [0.5]], [[0.0], [0.5], [-1.0]], [[0.0], [0.5]]],
+            [[-1.0, 0.5], [0.25, -1.25, -0.5], [0.25, 0.0]],
+            box([-1.0], [1.0]),
+        ),
+        [0.55, 0.01, 0.44],
+        [-0.76],
+        0.01,
+    ),
+    (
+        PiecewiseLinearProblem(
+            [[[0.0], [-1.0]], [[0.5], [-1.5]], [[-1.5]]], [[0.25, -0.25], [0.5, -0.25], [-0.25]], box([-1.0], [1.0])
+        ),
+        [0.12427356, 0.7233536, 0.15237284],
+        [-0.4],
+        0.035,
+    ),
+    (
+        PiecewiseLinearProblem(
+            [[[0.0, -0.5, -1.0], [1.0, -0.5, 1.0]], [[0.0, 1.5, -2.5]],
+             [[1.5, -0.5, 1.0], [1.5, 0.5, 0.5], [0.0, -0.5, 0.0]]],
+            [[0.0, -0.5], [0.5], [0.5, -0.5, 0.75]],
+            box(-np.ones(3), np.ones(3)),
+        ),
+        [0.28993862, 0.14334821, 0.56671317],
+        [-0.4, -1.0, 1.0],
+        1.35,
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("problem", "belief", "beyond", "budget"), BEYOND_KINKS)
+def test_decisions_beyond_kinks_of_impossible_states_are_found(problem, belief, beyond, budget) -> None:
+    """Only beliefs under which some state is impossible explain them, and the kinks of its cost divide their face."""
+    assert problem.is_admissible(np.array(beyond))
+    assert problem.regret(belief, beyond) <= budget
+    privacy = consistent_beliefs(problem, beyond).distance(belief)
+    decided = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(budget)).decide(belief)
+    mixed = ProbabilisticDecisionMaker(problem, budget=Budget.regret(budget)).decide(belief)
+    assert min(decided.privacy, mixed.expected_privacy) >= privacy - 1e-9
+    assert cheapest_privacy(problem, belief, privacy=privacy - 1e-9).regret <= problem.regret(belief, beyond)

@@ -422,6 +422,28 @@ def test_decisions_give_the_sensor_away_also_where_some_leave_intervals_of_belie
         assert (np.diff(found.intervals, axis=2) > 0).all()
 
 
+def test_labelled_sets_are_aligned_with_the_transition() -> None:
+    names, other = ["calm", "crisis"], ["crisis", "calm"]
+    transition, sensor = UNDER_NOISE[2]
+    table, means = pd.DataFrame(transition, names, names), pd.DataFrame([[0.2, 0.0], [0.0, 0.2]], names)
+    problem, turned = (
+        MarkowitzProblem(means.loc[order], [0.3 * np.eye(2), 0.3 * np.eye(2)], 1.0) for order in (names, other)
+    )
+    actions = (
+        OriginalDecisionMaker(problem).decide_many(path(transition, sensor, 24, np.random.default_rng(0))[0]).action
+    )
+    sets = [consistent_beliefs(problem, action) for action in actions]
+    mixed = [sets[0], *(consistent_beliefs(turned, action) for action in actions[1:])]
+    for given, order in ((sets, names), (sets, other), (mixed, names), (mixed, other)):
+        found = estimate_sensor(given, table.loc[order, order], n_symbols=2)
+        assert found.is_identified
+        assert error(found.probabilities, sensor[:: 1 if order == names else -1]) <= 1e-8
+    with pytest.raises(InputError, match="several orders"):
+        estimate_sensor(mixed, transition, n_symbols=2)
+    with pytest.raises(InputError, match="other state labels"):
+        estimate_sensor(sets, table.set_axis(["calm", "dull"]).set_axis(["calm", "dull"], axis=1), n_symbols=2)
+
+
 def test_a_set_of_beliefs_that_is_empty_is_refused() -> None:
     problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
     sets = [consistent_beliefs(problem, action) for action in ([0.5, 0.5], [0.9, 0.1])]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from inscrutable import validation
 from inscrutable.adversaries.sensor.fits import bootstrapped, fitted, nothing_known, square
 from inscrutable.adversaries.sensor.results import EstimatedSensor, SensorStatus
-from inscrutable.adversaries.sensor.set_beliefs import sensor_of_sets
+from inscrutable.adversaries.sensor.set_beliefs import sensor_of_sets, sets_in_order
 from inscrutable.adversaries.sensor.steps import filter_steps, seen_beliefs, symbol_count
 from inscrutable.axes import Axis
 from inscrutable.geometry import BeliefSet
@@ -47,7 +47,8 @@ def estimate_sensor(
         frequencies of symbols give the intervals.
 
     Raises:
-        InputError: Beliefs or transition are malformed, or there are fewer than two beliefs.
+        InputError: Beliefs or transition are malformed, or there are fewer than two beliefs. Labelled sets are over other
+            states than the transition, or in several orders where it has no labels.
         ModelError: A belief gives weight to a state that the transition rules out.
 
     Cost: one hierarchical clustering of at most 1,000 steps, then some rounds of O(T·X·Y); 0.1 s for 1,000 beliefs.
@@ -66,7 +67,7 @@ def estimate_sensor(
     chain = square(validation.stochastic_rows(transition, "transition", axes=(states, states)))
     wanted = symbol_count(n_symbols)
     if isinstance(beliefs, Sequence) and len(beliefs) > 1 and all(isinstance(each, BeliefSet) for each in beliefs):
-        return sensor_of_sets(beliefs, chain, wanted)  # type: ignore[arg-type]
+        return sensor_of_sets(sets_in_order(beliefs, states), chain, wanted)  # type: ignore[arg-type]
     held = seen_beliefs(beliefs, states, len(chain))  # type: ignore[arg-type]
     draws = validation.count(n_bootstrap, "n_bootstrap", least=0)
     source = validation.generator(rng) if draws else None

@@ -9,6 +9,7 @@ the others are not.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment, minimize
@@ -17,6 +18,7 @@ from inscrutable import tolerances
 from inscrutable.adversaries.sensor.fits import SensorFit, fitted, nothing_known
 from inscrutable.adversaries.sensor.results import EstimatedSensor, SensorStatus
 from inscrutable.adversaries.sensor.steps import filter_steps
+from inscrutable.axes import Axis, few
 from inscrutable.errors import InputError, ModelError
 from inscrutable.geometry import BeliefSet
 from inscrutable.validation import Array
@@ -49,6 +51,28 @@ def sensor_of_sets(sets: Sequence[BeliefSet], transition: Array, n_symbols: int 
         )
         return EstimatedSensor(fit.probabilities, symbols, residual, status, fit.intervals, fit.noise)
     return _searched(points, sets, corners, transition, n_symbols)
+
+
+def sets_in_order(sets: Sequence[BeliefSet], states: Axis) -> list[BeliefSet]:
+    """Return sets with their states in the order of a transition's; raise `InputError` where that is not known."""
+    orders = dict.fromkeys(each.state_names for each in sets if each.state_names is not None)
+    if states.names is None and len(orders) > 1:
+        raise InputError(
+            f"beliefs have their states in several orders, {few(map(list, orders))}, and transition has no labels: label it"
+        )
+    return [_in_order(f"beliefs[{k}]", each, states) for k, each in enumerate(sets)]
+
+
+def _in_order(name: str, found: BeliefSet, states: Axis) -> BeliefSet:
+    order = None if found.state_names is None else states.order(found.state_names, name)
+    if order is None:
+        return found
+    return replace(
+        found,
+        equalities=found.equalities[:, order],
+        inequalities=found.inequalities[:, order],
+        state_names=states.names,
+    )
 
 
 def _corners(number: int, found: BeliefSet, n_states: int) -> Array:

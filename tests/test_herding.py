@@ -396,6 +396,19 @@ def test_states_are_aligned_by_their_labels() -> None:
         social_learning(problem, ins.CategoricalEmission(table.set_axis(["calm", "dull"])), n_agents=2)
 
 
+@pytest.mark.parametrize(("rows", "columns"), [("ba", "uv"), ("ab", "vu"), ("cd", "uv"), ("ab", "wx")])
+def test_rules_of_problems_with_other_labels_are_refused(rows: str, columns: str) -> None:
+    """Beliefs and choices of another order would be taken for those of the problem."""
+    costs = pd.DataFrame([[0.0, 1.0], [3.0, 0.0]], index=list("ab"), columns=list("uv"))
+    problem, maker = ins.FiniteProblem(costs), ins.OriginalDecisionMaker(ins.FiniteProblem(costs.to_numpy()))
+    other = ins.OriginalDecisionMaker(ins.FiniteProblem(costs.set_axis(list(rows)).set_axis(list(columns), axis=1)))
+    assert social_learning(problem, sensor(0.7), maker, n_agents=2).right > 0
+    with pytest.raises(InputError, match="expected the same ones in the same order"):
+        social_learning(problem, sensor(0.7), other, n_agents=2)
+    with pytest.raises(InputError, match="expected the same ones in the same order"):
+        ins.herding_table(problem, sensor(0.7), {"known": maker, "other": other}, n_agents=2)
+
+
 def test_results_print_save_and_frame(tmp_path: Path) -> None:
     """A result and a table come back from disk as they were, and draw."""
     rules = {"ODM": ins.OriginalDecisionMaker(GUESS), "response": ins.CoinDecisionMaker.response(GUESS, 1.0)}

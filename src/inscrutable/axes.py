@@ -49,7 +49,7 @@ class Axis:
             raise InputError(
                 f"{name} has the {self.what} label {twice!r} {found.count(twice)} times; labels must differ"
             )
-        names = self.names or self._numbering(found)
+        names = self.names or self.numbering(found)
         if names is None and self._learns:
             names = self.names = found
         if names == found or (self.names is None and len(found) <= 1):
@@ -70,12 +70,27 @@ class Axis:
         return [place[label] for label in names]
 
     @staticmethod
-    def _numbering(found: Names) -> Names | None:
+    def numbering(found: Names) -> Names | None:
         """Labels that number the places, in their order; pandas and this library write them where no names were given."""
         for names in (tuple(range(len(found))), tuple(f"regime {i + 1}" for i in range(len(found)))):
             if set(found) == set(names):
                 return names
         return None
+
+
+def check_same_order(what: str, first: tuple[str, Names | None], second: tuple[str, Names | None]) -> None:
+    """Raise `InputError` where two objects, given with their names, have known labels that are not the same in order.
+
+    Numbers of the places, such as "regime 1", are not known labels beside others.
+    """
+    (one, ours), (other, theirs) = first, second
+    if ours is None or theirs is None or ours == theirs:
+        return
+    is_numbered = any(each == Axis.numbering(each) for each in (ours, theirs))
+    if not is_numbered or set(ours) & set(theirs):
+        raise InputError(
+            f"{one} has the {what} labels {few(ours)}, {other} {few(theirs)}; expected the same ones in the same order"
+        )
 
 
 def ordered(value: Any, name: str, axes: Sequence[Axis | None] | None) -> Any:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from inscrutable import validation
+from inscrutable.axes import check_same_order
 from inscrutable.decision_makers import OriginalDecisionMaker
 from inscrutable.errors import InputError
 from inscrutable.experiments.herding.decisions import Deciding, TurnOutcomes
@@ -65,7 +66,7 @@ def social_learning(
 
     Raises:
         InputError: An argument is malformed, states differ in number or labels, a decision maker has a memory or decides on
-            other numbers of states or decisions, or there is no `rng` where paths must be simulated.
+            other states or decisions, by number or labels, or there is no `rng` where paths must be simulated.
 
     Cost: exact: one decision per public belief and signal, and one sparse product per agent. Simulated: one decision per agent,
     distinct public belief and signal.
@@ -116,6 +117,9 @@ def _rules(problem: DecisionProblem, given: Any, count: int) -> list[PlaysMany]:
         own = checked_memoryless(rule).problem
         if (own.n_states, own.n_actions, own.is_discrete) != (problem.n_states, problem.n_actions, problem.is_discrete):
             raise InputError(f"{type(rule).__name__} decides on {own!r}, the agents on {problem!r}")
+        name = f"the problem of {type(rule).__name__}"
+        check_same_order("state", (name, own.state_names), ("the agents' problem", problem.state_names))
+        check_same_order("asset", (name, own.asset_names), ("the agents' problem", problem.asset_names))
     return rules
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from inscrutable import (
@@ -447,6 +448,26 @@ def test_what_cannot_be_is_refused() -> None:
     still = HiddenMarkovModel(np.eye(2), world.emission, [1.0, 0.0])
     with pytest.raises(ModelError, match="step 1"):
         SequentialAdversary(still, plays).filter(plays.actions, states=[0, 1])
+
+
+def test_states_in_another_order_are_refused() -> None:
+    """The sensor's rows and the agent's world would be taken for those of other states."""
+    names, other = ["calm", "crisis"], ["crisis", "calm"]
+    sensor = pd.DataFrame([[0.8, 0.2], [0.3, 0.7]], names)
+    moves = pd.DataFrame([[0.9, 0.1], [0.4, 0.6]], names, names)
+    world = HiddenMarkovModel(moves, CategoricalEmission(sensor))
+    bare = HiddenMarkovModel(moves.to_numpy(), CategoricalEmission(sensor.to_numpy()))
+    turned = HiddenMarkovModel(moves.loc[other, other], CategoricalEmission(sensor.loc[other]))
+    plays = random_mechanism(np.random.default_rng(0), reachable_beliefs(world, 2), 2, mixed=True)
+    for mine, others in ((world, world), (world, bare), (bare, world)):
+        SequentialAdversary(mine, plays, agent_world=others, sensor=others.emission)
+    with pytest.raises(InputError, match="agent_world has the state labels crisis, calm, world calm, crisis"):
+        SequentialAdversary(world, plays, agent_world=turned)
+    with pytest.raises(InputError, match="sensor has the state labels crisis, calm, world calm, crisis"):
+        SequentialAdversary(world, plays, sensor=turned.emission)
+    renamed = HiddenMarkovModel(moves.to_numpy(), bare.emission, names=("regime 2", "regime 1"))
+    with pytest.raises(InputError, match="agent_world has the state labels"):
+        SequentialAdversary(bare, plays, agent_world=renamed)
 
 
 def coarse_agent() -> tuple[HiddenMarkovModel, Mechanism]:

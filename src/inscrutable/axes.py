@@ -81,13 +81,15 @@ class Axis:
 def check_same_order(what: str, first: tuple[str, Names | None], second: tuple[str, Names | None]) -> None:
     """Raise `InputError` where two objects, given with their names, have known labels that are not the same in order.
 
-    Numbers of the places, such as "regime 1", are not known labels beside others.
+    Numbers of the places, such as "regime 1", are not known labels beside others. Labels are compared as texts, which those of
+    a world are.
     """
     (one, ours), (other, theirs) = first, second
-    if ours is None or theirs is None or ours == theirs:
+    if ours is None or theirs is None:
         return
-    is_numbered = any(each == Axis.numbering(each) for each in (ours, theirs))
-    if not is_numbered or set(ours) & set(theirs):
+    texts, others = tuple(map(str, ours)), tuple(map(str, theirs))
+    is_numbered = any(each == Axis.numbering(each) for each in (ours, theirs)) and not set(texts) & set(others)
+    if texts != others and not is_numbered:
         raise InputError(
             f"{one} has the {what} labels {few(ours)}, {other} {few(theirs)}; expected the same ones in the same order"
         )

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from inscrutable import validation
 from inscrutable.adversaries.decision_tables import NEVER_PLAYED, UNSEEN
 from inscrutable.adversaries.sequence_results import SequenceStatus
-from inscrutable.axes import Axis
+from inscrutable.axes import Axis, Names, check_same_order
 from inscrutable.errors import InputError, ModelError
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.memory import MemoryMechanism
@@ -159,12 +159,13 @@ def impossible_step(step: int) -> ModelError:
     )
 
 
-def checked_sensor(sensor: Any, n_states: int) -> Emission | None:
+def checked_sensor(sensor: Any, n_states: int, names: Names | None) -> Emission | None:
     """Return the adversary's own sensor, or None; raise `InputError` for anything else."""
     if sensor is None:
         return None
     if not isinstance(sensor, Emission) or sensor.n_states != n_states:
         raise InputError(f"sensor must be an Emission over {n_states} states, got {sensor!r}")
+    check_same_order("state", ("sensor", getattr(sensor, "state_names", None)), ("world", names))
     return sensor
 
 

@@ -25,7 +25,7 @@ from inscrutable.adversaries.sequence_evidence import (
 )
 from inscrutable.adversaries.sequence_results import InferredBeliefs
 from inscrutable.adversaries.shown_steps import ShownSteps
-from inscrutable.axes import Axis
+from inscrutable.axes import Axis, check_same_order
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Disclosure, Mechanism
 from inscrutable.mechanisms.chains import BeliefChain
@@ -66,8 +66,8 @@ class SequentialAdversary:
             nothing is disclosed; it still infers the belief of the step itself.
 
     Raises:
-        InputError: Numbers of states or symbols differ; observations are real numbers without particles; a disclosure differs
-            from the one of the rule, hides steps of a public memory, or has a delay with particles.
+        InputError: Numbers of states or symbols differ, or labels of states; observations are real numbers without particles; a
+            disclosure differs from the one of the rule, hides steps of a public memory, or has a delay with particles.
 
     Cost: O(X²·B·Y) per step on B beliefs with Y symbols, or pairs with public ones; N·Y look-ups per step with N particles, 4·N
     for sensors without symbols.
@@ -108,7 +108,7 @@ class SequentialAdversary:
             )
         self.world, self.mechanism = world, mechanism
         self.agent_world = world if agent_world is None else agent_world
-        self.sensor = checked_sensor(sensor, rule.beliefs.shape[1])
+        self.sensor = checked_sensor(sensor, rule.beliefs.shape[1], getattr(world, "names", None))
         self.n_particles = validation.count(n_particles, "n_particles", least=0)
         self._rng = None if not self.n_particles else validation.generator(rng)
         if interpolation not in ("linear", "nearest"):
@@ -293,6 +293,7 @@ def _check_worlds(world: Any, agent_world: Any, n_states: int, *, needs_symbols:
         raise InputError(f"the mechanism has {n_states} states, the world {world.n_states}")
     if not isinstance(agent_world, HiddenMarkovModel) or agent_world.n_states != world.n_states:
         raise InputError(f"agent_world must be a HiddenMarkovModel of {world.n_states} states, got {agent_world!r}")
+    check_same_order("state", ("agent_world", agent_world.names), ("world", world.names))
     if needs_symbols and any(joint_symbols(each.emission, each.public) is None for each in (world, agent_world)):
         raise InputError("real observations have no finite number of successors: pass n_particles and rng")
     _check_alike("symbols", world.emission, agent_world.emission)

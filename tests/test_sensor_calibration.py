@@ -7,6 +7,7 @@ from fractions import Fraction
 from itertools import product
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from inscrutable import (
@@ -298,6 +299,29 @@ def test_malformed_input_is_named() -> None:
     still = HiddenMarkovModel(np.eye(2), WORLD.emission, [0.5, 0.5])
     with pytest.raises(ModelError, match="state 1 at step 1"):
         calibrate_sensor([0, 1], [0, 1], on(GRID), ACCURACY, world=still)
+
+
+def test_a_family_with_the_states_in_another_order_is_refused() -> None:
+    names, other = ["calm", "crisis"], ["crisis", "calm"]
+    grid = np.column_stack([np.linspace(0, 1, 11), np.linspace(1, 0, 11)])
+    plays = Mechanism(grid, np.arange(2), grid, 0.0 * grid)
+
+    def family(order: list[str]) -> SensorFamily:
+        def make(p: float) -> CategoricalEmission:
+            return CategoricalEmission(pd.DataFrame([[p, 1.0 - p], [0.4, 0.6]], names).loc[order])
+
+        return SensorFamily(make, [[0.05, 0.95]], ["p"])
+
+    moves = [[0.8, 0.2], [0.3, 0.7]]
+    world, bare = (HiddenMarkovModel(moves, SensorFamily.accuracy(2)(0.7), names=each) for each in (names, None))
+    actions, states = [0, 1, 0, 0, 1], [0, 1, 1, 0, 1]
+    found = [calibrate_sensor(actions, states, plays, family(names), world=each).parameters for each in (world, bare)]
+    assert found[0] == found[1]
+    best_probe([[0, 1]], plays, family(names), world=world, parameters=[0.8])
+    with pytest.raises(InputError, match="expected the same order"):
+        calibrate_sensor(actions, states, plays, family(other), world=world)
+    with pytest.raises(InputError, match="expected the same order"):
+        best_probe([[0, 1]], plays, family(other), world=world, parameters=[0.8])
 
 
 def test_fisher_information_of_probes_is_that_of_all_sequences_of_decisions() -> None:

@@ -22,6 +22,7 @@ from inscrutable.mechanisms import Mechanism
 from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
+from inscrutable.worlds.hidden_markov import default_names
 from inscrutable.worlds.linear_gaussian import LinearGaussianWorld
 from inscrutable.worlds.observations import symbols
 
@@ -85,8 +86,8 @@ def calibrate_sensor(
         decisions that change with the sensor, whose likelihood jumps.
 
     Raises:
-        InputError: States are out of range, their number differs from that of the decisions, the family is malformed, or the
-            world has a public sensor.
+        InputError: States are out of range, their number differs from that of the decisions, the family is malformed or has
+            other state labels than the world, or the world has a public sensor.
         ModelError: The world rules the states out.
 
     Cost: one run of the inverse filter for each sensor tried: about 60 for one parameter, 1,000 to 4,000 for two, some 20,000
@@ -144,8 +145,9 @@ def _linear_likelihood(
 
 
 def with_sensor(world: HiddenMarkovModel, sensor: Any) -> HiddenMarkovModel:
-    """Return a world with another sensor."""
-    return HiddenMarkovModel(world.transition, sensor, world.initial, public=world.public)
+    """Return a world with another sensor, whose labels name the states where the world's are numbers."""
+    names = None if world.names == default_names(world.n_states) else world.names
+    return HiddenMarkovModel(world.transition, sensor, world.initial, names=names, public=world.public)
 
 
 def mechanism_in(given: KnownMechanism, world: HiddenMarkovModel) -> Any:

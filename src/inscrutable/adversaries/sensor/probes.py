@@ -57,8 +57,9 @@ def best_probe(
         A `ProbeRanking`; the best probe has the least sum of variance bounds, each relative to its parameter's range.
 
     Raises:
-        InputError: A probe has states out of range, the mechanism has a memory, `parameters` are not inside the bounds, or
-            what is played changes with them, so that decisions at them are impossible beside them.
+        InputError: A probe has states out of range, the mechanism has a memory, the family has other state labels than the
+            world, `parameters` are not inside the bounds, or what is played changes with them, so that decisions at them are
+            impossible beside them.
 
     Cost: 2K+1 runs of the inverse filter with known states per probe, for all sequences of decisions at once.
 

@@ -301,6 +301,20 @@ def test_malformed_input_is_named() -> None:
         calibrate_sensor([0, 1], [0, 1], on(GRID), ACCURACY, world=still)
 
 
+def test_states_are_aligned_with_decisions_by_date() -> None:
+    days = pd.date_range("2020-01-01", periods=60)
+    actions = pd.Series(np.random.default_rng(0).integers(0, 2, 60), days)
+    states = pd.Series([0, 0, 0, 1, 1, 1] * 10, days)
+    grid = np.column_stack([np.linspace(0, 1, 11), np.linspace(1, 0, 11)])
+    plays = Mechanism(grid, np.arange(2), grid, 0.0 * grid)
+    found = calibrate_sensor(actions, states, plays, ACCURACY, world=WORLD).parameters
+    for told in (states.iloc[::-1], states.to_numpy(), states.reset_index(drop=True)):
+        assert calibrate_sensor(actions, told, plays, ACCURACY, world=WORLD).parameters == found
+    assert calibrate_sensor(actions.to_numpy(), states, plays, ACCURACY, world=WORLD).parameters == found
+    with pytest.raises(InputError, match="other step labels"):
+        calibrate_sensor(actions, states.shift(1, freq="D"), plays, ACCURACY, world=WORLD)
+
+
 def test_a_family_with_the_states_in_another_order_is_refused() -> None:
     names, other = ["calm", "crisis"], ["crisis", "calm"]
     grid = np.column_stack([np.linspace(0, 1, 11), np.linspace(1, 0, 11)])

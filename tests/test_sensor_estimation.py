@@ -384,6 +384,21 @@ def test_labels_are_aligned_and_results_are_kept(tmp_path: object) -> None:
         estimate_sensor(shuffled.rename(columns={"calm": "quiet"}), table)
 
 
+def test_symbols_are_aligned_with_beliefs_by_date() -> None:
+    beliefs, symbols = path(TRANSITION, SENSOR, 60, np.random.default_rng(1))
+    days = pd.date_range("2020-01-01", periods=60)
+    dated, reports = pd.DataFrame(beliefs, days), pd.Series(symbols, days)
+    bare = reports.reset_index(drop=True)
+    for held in (dated, beliefs):
+        for given in (reports, reports.iloc[1:], symbols, symbols[1:], bare, bare.iloc[1:].reset_index(drop=True)):
+            assert error(estimate_world(held, n_symbols=3, symbols=given).world.transition, TRANSITION) <= 1e-8
+    for given in (reports.iloc[::-1], reports.iloc[:0:-1], dict(reports.iloc[::-1])):
+        assert error(estimate_world(dated, n_symbols=3, symbols=given).world.transition, TRANSITION) <= 1e-8
+    for given in (reports.iloc[:-1], reports.shift(1, freq="D")):
+        with pytest.raises(InputError, match="other step labels"):
+            estimate_world(dated, n_symbols=3, symbols=given)
+
+
 def test_malformed_input_is_named() -> None:
     beliefs, symbols = path(TRANSITION, SENSOR, 50, np.random.default_rng(1))
     for call, said in [

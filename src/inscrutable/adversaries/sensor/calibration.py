@@ -17,6 +17,7 @@ from inscrutable.adversaries.sensor.fits import QUANTILE
 from inscrutable.adversaries.sensor.inverse_kalman import LinearView, inverse_kalman_filter
 from inscrutable.adversaries.sensor.known_states import KnownStates, is_simple, plays_in
 from inscrutable.adversaries.sequential import SequentialAdversary
+from inscrutable.axes import Axis, depth, ordered
 from inscrutable.errors import InputError, ModelError
 from inscrutable.mechanisms import Mechanism
 from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism
@@ -71,7 +72,7 @@ def calibrate_sensor(
 
     Args:
         actions: u_0..u_{T−1}, as `SequentialAdversary.filter` takes them.
-        states: x_0..x_{T−1}, whole numbers from 0.
+        states: x_0..x_{T−1}, whole numbers from 0. Labelled rows are aligned with those of the decisions.
         mechanism: The agent's mechanism on a grid of beliefs, interpolated between them. Or a function that takes a world and
             returns a mechanism; on `reachable_beliefs` of that world the likelihood is exact for every sensor.
         family: The candidate sensors; a plain function of K probabilities is a family with K parameters between 0 and 1.
@@ -111,7 +112,9 @@ def calibrate_sensor(
         raise InputError(f"world must be a HiddenMarkovModel, or the mechanism a LinearView, got {world!r}")
     if world.public is not None:
         raise InputError(f"calibrate_sensor needs a world without a public sensor, got {world!r}")
-    path = symbols(states, world.n_states, "states")
+    steps = Axis("step", learns=True)
+    ordered(actions, "actions", (steps, None)[: depth(actions)])
+    path = symbols(states, world.n_states, "states", steps)
     count = validation.count(n_particles, "n_particles", least=0)
     seed = int(validation.generator(rng).integers(2**31)) if count else 0
 

@@ -85,13 +85,13 @@ def filter_weights(predicted: Array, held: Array, transition: Array) -> Array:
     return np.asarray(held.shape[1] / (held.shape[1] + (gain**2).sum(axis=(1, 2))))
 
 
-def seen_beliefs(beliefs: ArrayLike, states: Axis, n_states: int | None = None) -> Array:
-    """Return successive beliefs as (T,X) with T at least 2, aligned with the names of the states.
+def seen_beliefs(beliefs: ArrayLike, states: Axis, n_states: int | None = None, *, steps: Axis | None = None) -> Array:
+    """Return successive beliefs as (T,X) with T at least 2, aligned with the names of the states and steps.
 
     Raises:
         InputError: The rows are not beliefs, or fewer than two.
     """
-    plain = ordered_array(beliefs, "beliefs", (Axis("step", learns=True), states))
+    plain = ordered_array(beliefs, "beliefs", (steps or Axis("step", learns=True), states))
     if plain.ndim != 2 or len(plain) < 2:
         raise InputError(f"beliefs must be successive ones (T,X), two at least, got shape {plain.shape}")
     held = validation.beliefs(plain, plain.shape[1] if n_states is None else n_states, "beliefs")

@@ -60,6 +60,7 @@ def estimate_world(
         beliefs: π_0, π_1, …, shape (T,X), T at least 2.
         n_symbols: Y, at least 1.
         symbols: The agent's observation at each step, 0 to Y−1, where known: T−1 of them, or T, of which the first is not used.
+            Labelled rows are aligned with those of the beliefs.
             None: the steps are clustered by symbol.
         n_bootstrap: Number of bootstrap resamples of the steps for the intervals; 0: by the curvature of the fit, and of zero
             width for the transition of exact beliefs, or where no joint fit is as good. The sensor's are always by curvature
@@ -87,12 +88,12 @@ def estimate_world(
         [[0.9 0.1]
          [0.2 0.8]]
     """
-    states = Axis("state", learns=True)
-    held = seen_beliefs(beliefs, states)
+    steps, states = Axis("step", learns=True), Axis("state", learns=True)
+    held = seen_beliefs(beliefs, states, steps=steps)
     if n_symbols is None:
         raise InputError("n_symbols must be a number: without a transition, the number of symbols is not found")
     count = validation.count(n_symbols, "n_symbols")
-    told = _told(symbols, count, len(held) - 1)
+    told = _told(symbols, count, len(held) - 1, steps)
     draws = validation.count(n_bootstrap, "n_bootstrap", least=0)
     source = validation.generator(rng) if draws else None
     names = None if states.names is None else tuple(str(each) for each in states.names)
@@ -172,7 +173,7 @@ def _residual(held: Array, symbols: np.ndarray, transition: Array, sensor: Array
     return float(np.linalg.norm(held[1:][used] - shown, axis=1).max(initial=0.0))
 
 
-def _told(symbols: ArrayLike | None, count: int, n_steps: int) -> np.ndarray | None:
+def _told(symbols: ArrayLike | None, count: int, n_steps: int, steps: Axis) -> np.ndarray | None:
     """Known symbols of the steps (T−1,), as a single symbol always is; None where they are to be found."""
     if symbols is None:
         return np.zeros(n_steps, dtype=np.int64) if count == 1 else None
@@ -181,6 +182,8 @@ def _told(symbols: ArrayLike | None, count: int, n_steps: int) -> np.ndarray | N
         raise InputError(
             f"symbols has {len(found)} entries for {n_steps + 1} beliefs; expected {n_steps}, one a step, or {n_steps + 1}"
         )
+    names = None if steps.names is None else steps.names[-len(found) :]
+    found = checked_symbols(symbols, count, "symbols", Axis("step", names, learns=True))
     return np.asarray(found[-n_steps:], dtype=np.int64)
 
 

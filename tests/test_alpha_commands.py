@@ -305,6 +305,40 @@ def test_months_with_what_everybody_reads(capsys: pytest.CaptureFixture[str], fo
     assert "no world with a public sensor" in err
 
 
+def test_public_columns_are_aligned_by_their_labels(folder: Path) -> None:
+    names, read = NAMES[:2], ["news", "rates"]
+    moves = pd.DataFrame(np.diag([0.9, 0.5]), names, names)
+    public = (pd.DataFrame(np.eye(2), read, names), pd.DataFrame(np.diag([1e-4, 1e-2]), read, read))
+    world = LinearGaussianWorld(moves, 1e-4 * np.eye(2), np.eye(2), 1e-4 * np.eye(2), public=public)
+    maker = AlphaDecisionMaker(AlphaProblem(pd.DataFrame(np.diag([0.04, 0.01]), names, names), 2.5), 0.5, world=world)
+    means = pd.DataFrame([[0.01, -0.02], [0.02, 0.01]], columns=names)
+    told = pd.DataFrame([[0.01, 0.5], [0.02, -0.3]], columns=read)
+    expected = maker.decide_path(means, public=told, rng=np.random.default_rng(0)).actions
+    for given in (told, told[read[::-1]], pd.DataFrame(told.to_numpy())):
+        found = protect_alphas(maker, means, public=given, rng=np.random.default_rng(0))
+        np.testing.assert_allclose([each.action for each in found.decisions], expected, rtol=1e-12)
+    steps = [
+        protect_alphas(
+            maker, means[:1], folder / f"state {k}", public=given[:1], publish=True, rng=np.random.default_rng(0)
+        )
+        for k, given in enumerate((told, told[read[::-1]]))
+    ]
+    np.testing.assert_array_equal(*(each.decisions[0].action for each in steps))
+    with pytest.raises(InputError, match="other public column labels"):
+        protect_alphas(maker, means, public=told.set_axis(["news", "size"], axis=1), rng=np.random.default_rng(0))
+
+
+def test_public_columns_of_a_file_are_in_the_order_of_the_world(
+    capsys: pytest.CaptureFixture[str], folder: Path
+) -> None:
+    public = {"public_sensor": [[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "public_noise": [[1e-4, 0.0], [0.0, 1e-4]]}
+    (folder / "W.json").write_text(json.dumps({**WORLD, **public}), "utf-8")
+    date = pd.DatetimeIndex(["2020-01-31"], name="date")
+    pd.DataFrame([[0.01, 0.02]], date, ["news", "rates"]).to_csv(folder / "Z.csv")
+    code, _, err = run(capsys, folder, "--world", folder / "W.json", "--public", folder / "Z.csv")
+    assert code == 0, err
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

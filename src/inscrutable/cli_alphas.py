@@ -47,7 +47,8 @@ class AlphaOptions:
         alphas: CSV of private means, such as expected returns, instead of a belief: dates, then one column per asset.
         prior_covariance: With `--alphas`: CSV of the public covariance of the alphas. Rows are then independent.
         world: With `--alphas`: JSON of the public linear Gaussian world by which the alphas move.
-        public: With a `--world` that has a public sensor: CSV of its observations at each row, one column per number.
+        public: With a `--world` that has a public sensor: CSV of its observations at each row, one column per number, in
+            the order of the sensor's rows.
         covariance: With `--alphas`: CSV of the assets' covariance.
         returns: CSV of returns, as for `backtest`, up to the last row known. The model's filter computes the belief from them.
             With `--alphas` they give an estimate of the assets' covariance.
@@ -159,6 +160,8 @@ def protect_means(
     assert options.alphas is not None
     speech.log(LAW_IS_PUBLIC)
     read = None if options.public is None else read_signals(options.public)
+    if read is not None:
+        read = read.set_axis(range(read.shape[1]), axis=1)  # a world's file gives its public columns no labels
     means, maker = read_signals(options.alphas), within_limits(options.maker(budget, speech))
     found = protect_alphas(maker, means, state, public=read, publish=publish, rng=rng)
     if speech.json:

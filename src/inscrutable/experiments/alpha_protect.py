@@ -12,6 +12,7 @@ import pandas as pd
 
 from inscrutable import validation
 from inscrutable.alphas import AlphaDecisionMaker, AlphaDraw
+from inscrutable.axes import Axis
 from inscrutable.datasets import crowded_months, missing_steps
 from inscrutable.errors import InputError
 from inscrutable.labels import label_text
@@ -175,7 +176,8 @@ def protect_alphas(
             keeps it, and the summary names repeated and missing periods. None: the rows are one whole sequence, and all
             decisions are drawn.
         public: The public observation of each row, (T,q), with the same row labels, where the world has a public sensor; each
-            is read before the row's decision. The first one may be left out, with a caution in the summary.
+            is read before the row's decision. Columns are aligned with the world's. The first row may be left out, with a
+            caution in the summary.
         publish: With `state`: draw once and record; otherwise nothing is drawn.
         rng: The source of the draws; None: the operating system's entropy, because a known seed reveals the draw.
 
@@ -278,7 +280,8 @@ def _public_rows(maker: AlphaDecisionMaker, alphas: pd.DataFrame, public: pd.Dat
         )
     if not public.index.equals(alphas.index):
         raise InputError("public has other rows than alphas; expected one public observation for each of them")
-    return validation.finite_array(public.to_numpy(), "public", ndim=2)
+    columns = Axis("public column", maker.world.public_names)
+    return validation.finite_array(public, "public", ndim=2, axes=(None, columns))
 
 
 def _need_public(maker: AlphaDecisionMaker) -> None:

@@ -195,6 +195,20 @@ def test_maps_that_do_not_suit_are_refused() -> None:
         (ins.grouped(["a", "a"]) | ins.portfolio_return())([[0.5, 0.5]], returns=[[0.1, 0.1]])
 
 
+def test_labelled_decisions_are_refused_where_coordinates_are_meant_by_position() -> None:
+    network = ins.PowerNetwork([0.0, 50.0], [0, 1], [80.0, 40.0], [0.02, 0.01], [1.0, 2.0], [[0, 1]], [[0.1, 30.0]])
+    dispatch = ins.dispatch_problem(network, [0, 1], [[5.0, 4.0], [25.0, 9.0]])
+    plain = dispatch.solve([[0.5, 0.5]])
+    held = pd.DataFrame(plain, columns=list("dcba"))
+    for disclosure in (ins.only([0]), ins.grouped(list("abab")), ins.bus_prices(dispatch)):
+        np.testing.assert_array_equal(disclosure.shown(pd.DataFrame(plain)), disclosure.shown(plain))
+        for table in (held, held[list("abcd")]):
+            with pytest.raises(InputError, match="their order is not known here"):
+                disclosure.shown(table)
+            with pytest.raises(InputError, match="their order is not known here"):
+                disclosure(table)
+
+
 def test_a_mechanism_is_merged_as_a_loop_merges_it() -> None:
     for _ in range(CASES):
         _, played = market(RNG)

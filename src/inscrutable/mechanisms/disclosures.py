@@ -26,6 +26,7 @@ from inscrutable.validation import Array
 EXACT = "exact"
 """The text of the disclosure that hides nothing."""
 _SCHEDULES = ("every", "delayed")
+_BY_POSITION = ("grouped", "only", "bus_prices")
 
 
 class Operation(NamedTuple):
@@ -165,7 +166,8 @@ class Disclosure:
         """Return the disclosed values of single decisions, shape (M,V), or (M,) for choices, without the schedule.
 
         Args:
-            actions: Decisions (M,U), or choices (M,). The values have their order, whatever their labels.
+            actions: Decisions (M,U), or choices (M,). The values have their order, whatever their labels;
+                `grouped`, `only` and `bus_prices` count coordinates by position and refuse labels.
             returns: Returns of each decision's period, (M,U) or one (U,) for all; for `portfolio_return` alone.
 
         Raises:
@@ -194,8 +196,8 @@ class Disclosure:
         return found
 
     def _assets(self) -> Axis:
-        """The axis of assets without labels, because groups are given by position."""
-        return Axis("asset", learns=all(each.name != "grouped" for each in self.maps))
+        """The axis of assets, without labels where an operation means them by position."""
+        return Axis("asset", learns=all(each.name not in _BY_POSITION for each in self.maps))
 
     def _mapped(self, points: Array, returns: Array | None) -> Array:
         for name, values in self.maps:

@@ -541,6 +541,31 @@ def test_another_order_of_labels_gives_the_same_or_is_refused(name: str, value: 
         assert same(found, expected), f"{name}: other results for\n{other}"
 
 
+@pytest.mark.parametrize("order", [STATES, STATES[::-1], ["quiet", "loud"], None], ids=str)
+def test_a_problem_and_a_world_with_other_states_are_refused(order: list[str] | None) -> None:
+    world = ins.HiddenMarkovModel(STEADY.to_numpy(), SYMBOLS, names=order)
+    chain = resting_chain(ins.Prior(np.eye(2), [0.5, 0.5]), 0.8)
+    prices = ins.PriceCalibration.at(3.0, float("inf"))
+
+    def rule(**options: Any) -> ins.SequentialDecisionMaker:
+        rng = np.random.default_rng(0)
+        return ins.SequentialDecisionMaker(CHOICES, ins.Budget.regret(0.2), calibration=prices, rng=rng, **options)
+
+    known, plain = rule(chain=chain), ins.Mechanism(np.eye(2), [0, 1], np.eye(2), np.zeros((2, 2)))
+    draws: dict[str, Any] = {"n_steps": 2, "n_draws": 10, "rng": np.random.default_rng(0)}
+    for ask in (
+        lambda: rule(world=world),
+        lambda: ins.SequentialAdversary(world, known),
+        lambda: ins.path_leakage(world, known, **draws),
+        lambda: ins.path_leakage(world, plain, loss=ins.RivalProblem(CHOICES), **draws),
+    ):
+        if order in (STATES, None):
+            ask()
+            continue
+        with pytest.raises(InputError, match="expected the same ones in the same order"):
+            ask()
+
+
 @pytest.mark.parametrize("value", NO_TABLES, ids=lambda value: type(value).__name__)
 @pytest.mark.parametrize(
     ("name", "ask"), [(name, ask) for name, _, ask in ENTRIES], ids=[name for name, _, _ in ENTRIES]

@@ -11,6 +11,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from inscrutable import tolerances, validation
+from inscrutable.axes import check_same_order
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.drawing import RowDraws
@@ -155,6 +156,13 @@ def checked_rule(given: Any) -> KnownRule:
             f"`beliefs` and `mechanism_for`, got {given!r}"
         )
     return KnownRule(given)
+
+
+def check_problem(owner: Any, world: Any) -> None:
+    """Raise `InputError` where the problem of a rule or of a loss, if any, has other state labels than a world."""
+    names = getattr(getattr(owner, "problem", None), "state_names", None)
+    own = f"the problem of {type(owner).__name__}", names
+    check_same_order("state", own, ("world", getattr(world, "names", None)))
 
 
 def _silent(beliefs: Array) -> Mechanism:

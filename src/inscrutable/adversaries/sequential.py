@@ -12,7 +12,7 @@ from inscrutable.adversaries.agent_steps import AgentModel
 from inscrutable.adversaries.belief_moves import moves_of
 from inscrutable.adversaries.belief_particles import BeliefParticles
 from inscrutable.adversaries.belief_points import BeliefPoints
-from inscrutable.adversaries.decision_tables import DecisionTables, KnownRule, nearest_count
+from inscrutable.adversaries.decision_tables import DecisionTables, KnownRule, check_problem, nearest_count
 from inscrutable.adversaries.inverse_filter import InverseFilter
 from inscrutable.adversaries.sequence_evidence import (
     Evidence,
@@ -108,6 +108,7 @@ class SequentialAdversary:
             )
         self.world, self.mechanism = world, mechanism
         self.agent_world = world if agent_world is None else agent_world
+        check_problem(mechanism, world)
         self.sensor = checked_sensor(sensor, rule.beliefs.shape[1], getattr(world, "names", None))
         self.n_particles = validation.count(n_particles, "n_particles", least=0)
         self._rng = None if not self.n_particles else validation.generator(rng)

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.belief_moves import moves_of
 from inscrutable.adversaries.belief_points import BeliefPoints
-from inscrutable.adversaries.decision_tables import checked_rule
+from inscrutable.adversaries.decision_tables import check_problem, checked_rule
 from inscrutable.adversaries.inverse_filter import InverseFilter
 from inscrutable.errors import InputError
 from inscrutable.filtering import filter_beliefs
@@ -182,8 +182,9 @@ def path_leakage(
             observations so far.
 
     Raises:
-        InputError: An argument is malformed, the sensor reports real numbers, or a chain is on other beliefs; or a disclosure
-            needs returns, is not a rule's own, or hides steps of a public memory.
+        InputError: An argument is malformed, the sensor reports real numbers, a chain is on other beliefs, or a problem has
+            other state labels than the world; or a disclosure needs returns, is not a rule's own, or hides steps of a public
+            memory.
 
     Cost: T·n_draws steps of the filter, once for equal sequences: B² multiplications each on a chain of B beliefs, or as many
         as its entries; for a rule as many mechanisms.
@@ -211,6 +212,8 @@ def path_leakage(
             f"filtered_chain makes, got {world!r}"
         )
     wanted = None if loss is None else checked_loss(loss, rule.beliefs.shape[1])
+    for owner in (mechanism, wanted):
+        check_problem(owner, world)
     reader = InverseFilter(moves_of(world, BeliefPoints(rule.beliefs)), rule)
     held = len(rule.beliefs)
     validation.check_room(

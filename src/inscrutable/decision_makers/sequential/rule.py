@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
+from inscrutable.axes import check_same_order
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.decision_makers.arguments import Described
 from inscrutable.decision_makers.aware.columns import Columns, columns_of
@@ -87,8 +88,8 @@ class SequentialDecisionMaker(Described):
         rng: The source of the simulated calibration, and of the draw between two prices.
 
     Raises:
-        InputError: An argument is malformed, or the chain has another number of states; `turnover` beside finite choices, a cap
-            or a disclosure.
+        InputError: An argument is malformed, the chain has another number of states, or the world other state labels;
+            `turnover` beside finite choices, a cap or a disclosure.
         InputError: At first use: the rival's best answer is the same under every belief.
         SolverError: At first use: no price was found at which the budget is met, or a step was not solved to its gap.
 
@@ -137,7 +138,7 @@ class SequentialDecisionMaker(Described):
         self.problem = checked_problem(problem)
         self.budget = as_budget(budget)
         self._rng = validation.generator(rng)
-        self.chain = _checked_chain(chain, _chain_of(world, self._rng), self.problem)
+        self.chain = _checked_chain(chain, _chain_of(world, self.problem, self._rng), self.problem)
         self.loss = loss_of_rule(loss, self.problem.n_states, self.problem)
         self.disclosure = _checked_disclosure(disclosure)
         if information_price is not None and not (
@@ -350,11 +351,12 @@ def _columns(problem: DecisionProblem, given: Any, prior: Prior) -> Columns:
     return columns_of(problem, decoy_grid(problem, resolution), True).joined(prior.mean[None])
 
 
-def _chain_of(world: Any, rng: np.random.Generator) -> BeliefChain | None:
+def _chain_of(world: Any, problem: DecisionProblem, rng: np.random.Generator) -> BeliefChain | None:
     if world is None:
         return None
     if not isinstance(world, HiddenMarkovModel):
         raise InputError(f"world must be a HiddenMarkovModel, got {world!r}")
+    check_same_order("state", ("world", world.names), ("the problem", problem.state_names))
     return filtered_chain(world, largest_resolution(world.n_states, _CANDIDATES), rng=rng)
 
 

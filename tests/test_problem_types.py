@@ -221,6 +221,15 @@ def test_every_tied_pair_and_triple_has_a_mixture_near_each_of_its_members():
     assert len(borders) == 2 * len({tuple(np.flatnonzero(action)) for action in borders})
 
 
+def test_choices_tie_where_their_expected_costs_cancel(fresh_rng):
+    even = np.ones(3) / 3
+    assert FiniteProblem([[0.1, 0.0], [0.2, 0.0], [-0.3, 0.0]]).tied(even).tolist() == [True, True]
+    for costs in fresh_rng.integers(-9, 10, (20, 3, 2)) * 0.1:
+        problem = FiniteProblem(np.vstack([costs, -costs.sum(axis=0)]))
+        assert problem.tied(np.ones(4) / 4).all(), costs.tolist()
+        assert problem.solve(np.ones(4) / 4) == 0
+
+
 # --- linear -----------------------------------------------------------------------------------------------------------
 
 

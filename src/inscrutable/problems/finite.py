@@ -71,8 +71,9 @@ class FiniteProblem(LinearProblem):
 
     def tied(self, beliefs: ArrayLike) -> np.ndarray:
         """Return which choices are the cheapest, True at all tied ones: (K,) for one belief (X,), (T,K) for many."""
-        expected = self.check_beliefs(beliefs) @ self.without_common_costs.costs
-        scale = np.abs(expected).max(axis=-1, keepdims=True)
+        held, costs = self.check_beliefs(beliefs), self.without_common_costs.costs
+        expected = held @ costs
+        scale = (held @ np.abs(costs)).max(axis=-1, keepdims=True)  # what the sums add up; they may cancel
         return np.asarray(expected <= expected.min(axis=-1, keepdims=True) + tolerances.STATIONARITY * scale)
 
     def state_costs(self, actions: ArrayLike) -> Array:

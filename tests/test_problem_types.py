@@ -270,6 +270,19 @@ def test_ties_fall_alike_in_any_company():
     assert np.unique(nothing.solve(tied), axis=0).shape == (1, 3)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_ties_of_costs_that_cancel_fall_alike_in_any_company(seed):
+    rng = np.random.default_rng([7, seed])
+    costs = rng.integers(-9, 10, (3, 3)) * 0.1
+    costs = np.vstack([costs, -costs.sum(axis=0)])  # expected costs of zero under the uniform belief
+    even = np.ones(4) / 4
+    known = LinearProblem(costs, box(np.zeros(3), np.ones(3)))
+    known.solve(rng.dirichlet(np.ones(4), 20))
+    alone = LinearProblem(costs, known.constraints).solve(even)
+    np.testing.assert_array_equal(known.solve(even), alone)
+    np.testing.assert_array_equal(alone, np.zeros(3))
+
+
 def test_linear_problems_downstream():
     rng = np.random.default_rng(3)
     problem = LinearProblem(rng.normal(size=(3, 5)), simplex(5) & box([0] * 5, [0.5] * 5))

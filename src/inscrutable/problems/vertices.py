@@ -64,9 +64,8 @@ class VertexTable:
 
     def _recognise(self, known: _Known, held: Array, found: Array) -> np.ndarray:
         """Fill in the beliefs whose cheapest known vertex is proved optimal; return the others."""
-        gradients = held @ self._costs
-        costs = gradients @ known.points.T
-        margin = tolerances.STATIONARITY * np.maximum(np.abs(costs).max(axis=1), np.abs(gradients).max(axis=1))
+        costs = held @ self._costs @ known.points.T
+        margin = tolerances.STATIONARITY * np.maximum(np.abs(costs).max(axis=1), self._size(held))
         best = costs <= (costs.min(axis=1) + margin)[:, None]
         chosen = np.where(best, known.points @ self._direction, np.inf).argmin(axis=1)
         proved = np.zeros(len(held), dtype=bool)
@@ -79,13 +78,18 @@ class VertexTable:
     def _optimal(self, vertex: _Vertex, held: Array) -> np.ndarray:
         if not vertex.known:
             return np.zeros(len(held), dtype=bool)
-        tiny = (tolerances.STATIONARITY * np.abs(held @ self._costs).max(axis=1))[:, None]
+        tiny = (tolerances.STATIONARITY * self._size(held))[:, None]
         signs = held @ vertex.signs.T
         falls = (signs > tiny) | ((signs >= -tiny) & (vertex.ties >= -tolerances.STATIONARITY))
         return np.asarray(falls.all(axis=1) & (np.abs(held @ vertex.equal.T) <= tiny).all(axis=1))
 
+    def _size(self, held: Array) -> Array:
+        """Return the size (T,) of what the gradients add up; they may cancel."""
+        return np.asarray((held @ np.abs(self._costs)).max(axis=1))
+
     def _by_programme(self, belief: Array) -> _Vertex:
         gradient = belief @ self._costs
+        gradient[np.abs(gradient) <= tolerances.STATIONARITY * self._size(belief[None])] = 0.0
         scale = np.abs(gradient).max()
         gradient = gradient / scale if scale > 0 else gradient
         region = self._region

@@ -497,6 +497,20 @@ def test_choices_that_cost_the_same_reveal_nothing(costs: list[float], n_choices
         )
 
 
+@pytest.mark.parametrize("constant", [10.0, 1e3, 1e4, 1e6, 1e10])
+def test_a_constant_in_all_costs_changes_no_cascade(constant: float) -> None:
+    plain = social_learning(GUESS, sensor(0.7), n_agents=3)
+    found = social_learning(ins.FiniteProblem(GUESS.costs + constant), sensor(0.7), n_agents=3)
+    np.testing.assert_allclose(found.herds, plain.herds, atol=1e-9)
+
+
+@pytest.mark.parametrize("large", [1e3, 1e6, 1e10])
+def test_a_state_of_large_costs_does_not_make_wrong_decisions_right(large: float) -> None:
+    # All choose the second, which is wrong in the first state.
+    found = social_learning(ins.FiniteProblem([[0.0, 1.0], [large, 0.0]]), sensor(0.7), n_agents=3)
+    assert (found.right, found.wrong) == (0.5, 0.5)
+
+
 def test_a_rule_follows_its_own_problem() -> None:
     # It chooses the second unless the first state's probability is above .9; with this sensor it never is.
     own = ins.OriginalDecisionMaker(ins.FiniteProblem([[0.0, 1.0], [9.0, 0.0]]))

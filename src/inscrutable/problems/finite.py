@@ -73,8 +73,10 @@ class FiniteProblem(LinearProblem):
         """Return which choices are the cheapest, True at all tied ones: (K,) for one belief (X,), (T,K) for many."""
         held, costs = self.check_beliefs(beliefs), self.without_common_costs.costs
         expected = held @ costs
-        scale = (held @ np.abs(costs)).max(axis=-1, keepdims=True)  # what the sums add up; they may cancel
-        return np.asarray(expected <= expected.min(axis=-1, keepdims=True) + tolerances.STATIONARITY * scale)
+        # The sizes of what the sums add up, which may cancel; and the rounding of a common cost, if one was subtracted.
+        scale, given = ((held @ np.abs(each)).max(axis=-1, keepdims=True) for each in (costs, self.costs))
+        tolerance = np.maximum(tolerances.STATIONARITY * scale, tolerances.COST_ROUNDING * given)
+        return np.asarray(expected <= expected.min(axis=-1, keepdims=True) + tolerance)
 
     def state_costs(self, actions: ArrayLike) -> Array:
         """Return s(a) for choices of shape (…), or for shares (…,K): shape (…,X)."""

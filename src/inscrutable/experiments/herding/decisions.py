@@ -50,7 +50,8 @@ class Deciding:
         costs, forgone = self._costs(private, points)
         # A choice is right in the states where its regret is zero; a mixture is right in the state of its least regret.
         least = 0.0 if self.problem.is_discrete else costs.min(axis=1, keepdims=True)
-        is_right = costs <= least + tolerances.NO_COST * np.abs(self.problem.state_costs(points)).max()
+        rounding = tolerances.COST_ROUNDING * np.abs(self.problem.state_costs(points)).max(axis=0)
+        is_right = costs <= least + tolerances.NO_COST * costs.max(axis=0) + rounding
         own = np.maximum((private[row] * costs[number]).sum(axis=1) - forgone[row], 0.0)
         cascade, top = _cascades(origin, outcome, share, np.bincount(place, minlength=len(public)))
         return TurnOutcomes(

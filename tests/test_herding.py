@@ -431,6 +431,34 @@ def test_results_print_save_and_frame(tmp_path: Path) -> None:
         ins.herding_table(GUESS, sensor(0.7), {}, n_agents=2)
 
 
+def test_a_rule_helps_the_others_only_beyond_two_standard_errors() -> None:
+    """Simulated gains within two standard errors are left open; exact ones are told, and rounding is no gain."""
+    plain, noisy = ins.OriginalDecisionMaker(GUESS), ins.ExponentialDecisionMaker(GUESS, 3.5)
+    rules = {"ODM": plain, "noisy": noisy}
+    for seed in range(4):
+        table = ins.herding_table(GUESS, sensor(0.7), rules, n_agents=13, rng=np.random.default_rng(seed), n_paths=200)
+        row, told = table.frame().loc["noisy"], table.summary().splitlines()[-1]
+        errors = [each.welfare_error for each in table.found]
+        assert row["others_se"] == pytest.approx(np.hypot(*errors))
+        gains = row["others"] < -2.0 * row["others_se"]
+        assert ("gain by noisy" in told) == gains
+        assert ("do not tell for noisy" in told) == (abs(row["others"]) <= 2.0 * row["others_se"])
+    exact = ins.herding_table(GUESS, sensor(0.7), {**rules, "same": ins.CoinDecisionMaker(GUESS, 0.0)}, n_agents=4)
+    assert exact.frame()["others_se"].tolist() == [0.0] * 3
+    assert "do not tell" not in str(exact)
+
+
+def test_a_table_shows_three_digits_in_any_unit() -> None:
+    units = [
+        ins.herding_table(problem, sensor(0.7), {"coin": ins.CoinDecisionMaker(problem, 0.5)}, n_agents=4).lines()
+        for problem in (GUESS, ins.FiniteProblem(1e-4 * GUESS.costs))
+    ]
+    for column in ("regret", "own"):
+        large, small = (float(each[column].iloc[0]) for each in units)
+        assert small == pytest.approx(1e-4 * large, rel=5e-3)
+        assert small > 0
+
+
 def test_randomised_response_over_choices() -> None:
     """K(u|π) of three choices, its worst ratio, and the choices it cannot have."""
     problem = ins.FiniteProblem(1.0 - np.eye(3))

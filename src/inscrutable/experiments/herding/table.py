@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from inscrutable import validation
+from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
 from inscrutable.experiments.herding.results import SocialLearning
 from inscrutable.experiments.herding.turns import social_learning
@@ -55,12 +55,15 @@ class HerdingTable(Summarised, Saved):
         `learned_by`, the number of agents after which the mean public probability of the true state reaches 0.75, NaN if never;
         `truth`, that probability after all agents; `regret`, of all agents under the true state; `own`, the part due to an
         agent's own hiding; `others`, the other agents' total regret minus that under the first rule, the cost of hiding to
-        them.
+        them; `others_se`, its standard error, 0 for exact figures. Where `own` or `others` is rounding of the regrets, it is 0.
         """
-        base = self.found[0].welfare - float(self.found[0].prices.sum())
+        first = self.found[0]
+        base = first.welfare - float(first.prices.sum())
         rows = []
         for each in self.found:
             own, known = float(each.prices.sum()), each.truths >= _KNOWN
+            rounding = tolerances.NO_COST * max(each.welfare, first.welfare)
+            own, others = (part if abs(part) > rounding else 0.0 for part in (own, each.welfare - own - base))
             rows.append(
                 {
                     "bits": float(each.leakages[0]),
@@ -72,7 +75,8 @@ class HerdingTable(Summarised, Saved):
                     "truth": float(each.truths[-1]),
                     "regret": each.welfare,
                     "own": own,
-                    "others": each.welfare - own - base,
+                    "others": others,
+                    "others_se": 0.0 if each is first else float(np.hypot(each.welfare_error, first.welfare_error)),
                     "exact": each.n_paths == 0,
                 }
             )
@@ -87,23 +91,26 @@ class HerdingTable(Summarised, Saved):
             ("wrong", "wrong", "{:.1%}"),
             ("learned_by", "learned by", "{:.0f}"),
             ("truth", "truth", "{:.3f}"),
-            ("regret", "regret", "{:.2f}"),
-            ("own", "own", "{:.2f}"),
-            ("others", "others", "{:+.2f}"),
+            ("regret", "regret", "{:.3g}"),
+            ("own", "own", "{:.3g}"),
+            ("others", "others", "{:+.3g}"),
         ):
             cells[title] = ["never" if np.isnan(value) else form.format(value) for value in table[column]]
         return pd.DataFrame(cells, index=table.index)
 
     def summary(self) -> str:
-        """Return the table, and which rules help the others."""
+        """Return the table, and which rules help the others by more than two standard errors."""
         table = self.frame()
-        helped = table.index[table["others"] < 0].tolist()
-        told = (
-            f"the others gain by {', '.join(helped)}"
-            if helped
-            else f"no rule helps the others more than {self.names[0]}"
-        )
-        return f"{self.lines().to_string()}\nof {self.found[0].n_agents} agents; {told}"
+        far = np.abs(table["others"]) > 2.0 * table["others_se"]
+        helped = table.index[far & (table["others"] < 0)].tolist()
+        open_ones = table.index[~far & (table["others_se"] > 0)].tolist()
+        told = [f"the others gain by {', '.join(helped)}"] if helped else []
+        if open_ones:
+            told.append(
+                f"the figures do not tell for {', '.join(open_ones)}: within two standard errors of {self.names[0]}"
+            )
+        told = told or [f"no rule helps the others more than {self.names[0]}"]
+        return f"{self.lines().to_string()}\nof {self.found[0].n_agents} agents; {'; '.join(told)}"
 
 
 def herding_table(

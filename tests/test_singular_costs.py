@@ -88,6 +88,19 @@ def test_costs_that_bend_in_some_directions_are_solved_to_the_last_digits(seed):
         assert region.violation(action) <= 1e-12
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_ties_of_singular_costs_fall_alike_in_any_company(seed):
+    """Two coordinates with the same costs, so that only their sum is determined, under limits on several coordinates."""
+    rng = np.random.default_rng([seed, 3])
+    factors, linear = rng.normal(size=(3, 4, 4)), rng.normal(size=(3, 4))
+    factors[:, 1], linear[:, 1] = factors[:, 0], linear[:, 0]
+    region = box(np.zeros(4), np.full(4, 2.0)) & Polyhedron([[1.0, 1.0, -1.0, -1.0]], [1.0])
+    problem = QuadraticProblem(factors @ factors.transpose(0, 2, 1), linear, constraints=region)
+    beliefs = np.vstack([rng.dirichlet(0.5 * np.ones(3), 40), np.eye(3), np.full((1, 3), 1 / 3)])
+    alone = np.array([problem.solve(belief) for belief in beliefs])
+    np.testing.assert_allclose(problem.solve(beliefs), alone, rtol=0, atol=1e-9)
+
+
 def test_riskless_portfolios_downstream():
     means = np.random.default_rng(1).normal(size=(2, 3)) / 10
     flat = MarkowitzProblem(means, np.zeros((2, 3, 3)), 1.0)

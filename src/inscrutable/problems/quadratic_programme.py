@@ -185,8 +185,11 @@ def _on_working_set(hessians: Array, linear: Array, layout: Layout, working: _Wo
         try:
             solution = np.linalg.solve(matrix, right[..., None])[..., 0]
             solution += np.linalg.solve(matrix, (right - np.einsum("nij,nj->ni", matrix, solution))[..., None])[..., 0]
-        except np.linalg.LinAlgError:
-            return actions, np.zeros(n, dtype=bool)
+        except np.linalg.LinAlgError:  # one singular matrix is enough
+            if n == 1:
+                return actions, np.zeros(1, dtype=bool)
+            alone = [_on_working_set(hessians[[i]], linear[[i]], layout, working) for i in range(n)]
+            return np.concatenate([each for each, _ in alone]), np.concatenate([ok for _, ok in alone])
         actions[:, free] = solution[:, :k]
         multipliers = np.asarray(solution[:, k:], dtype=np.float64)
     else:

@@ -338,6 +338,21 @@ def test_a_family_with_the_states_in_another_order_is_refused() -> None:
         best_probe([[0, 1]], plays, family(other), world=world, parameters=[0.8])
 
 
+@pytest.mark.parametrize(
+    ("world", "said"),
+    [
+        (
+            HiddenMarkovModel(WORLD.transition, WORLD.emission, [1.0, 0.0]),
+            r"probes\[1\] cannot occur .* state 1 at step 0",
+        ),
+        (HiddenMarkovModel(np.eye(2), WORLD.emission, [0.5, 0.5]), r"probes\[1\] cannot occur .* state 0 at step 2"),
+    ],
+)
+def test_a_probe_that_cannot_occur_is_named(world: HiddenMarkovModel, said: str) -> None:
+    with pytest.raises(ModelError, match=said):
+        best_probe([[0, 0], [1, 1, 0]], on(GRID), ACCURACY, world=world, parameters=[0.8])
+
+
 def test_fisher_information_of_probes_is_that_of_all_sequences_of_decisions() -> None:
     probes = [[0, 0, 0, 0], [0, 1, 0, 1], [0, 1]]
     found = best_probe(probes, lambda world: on(reachable_beliefs(world, 4)), ACCURACY, world=WORLD, parameters=[0.75])

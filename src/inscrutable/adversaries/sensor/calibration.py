@@ -132,7 +132,7 @@ def calibrate_sensor(
         return float(found.log_likelihood.sum()) - told
 
     numbered: dict[str, Any] = {}
-    told = _log_probability(path, world)
+    told = log_probability(path, world)
     return _calibrated(log_likelihood, sensors)
 
 
@@ -162,12 +162,13 @@ def mechanism_in(given: KnownMechanism, world: HiddenMarkovModel) -> Any:
     return given(world)
 
 
-def _log_probability(path: np.ndarray, world: HiddenMarkovModel) -> float:
-    """Return log Pr(x_0..x_{T−1}), which does not depend on the sensor."""
+def log_probability(path: np.ndarray, world: HiddenMarkovModel, name: str = "states") -> float:
+    """Return log Pr(x_0..x_{T−1}), which does not depend on the sensor; raise `ModelError` where it is impossible."""
     shares = np.concatenate([world.initial[path[:1]], world.transition[path[:-1], path[1:]]])
     impossible = np.flatnonzero(shares <= 0.0)
     if impossible.size:
-        raise ModelError(f"states are impossible in the world: state {path[impossible[0]]} at step {impossible[0]}")
+        step = impossible[0]
+        raise ModelError(f"{name} cannot occur in the world: state {path[step]} at step {step}")
     return float(np.log(shares).sum())
 
 

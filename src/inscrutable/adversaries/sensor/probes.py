@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.decision_tables import DecisionTables
-from inscrutable.adversaries.sensor.calibration import KnownMechanism, mechanism_in, with_sensor
+from inscrutable.adversaries.sensor.calibration import KnownMechanism, log_probability, mechanism_in, with_sensor
 from inscrutable.adversaries.sensor.calibration_results import ProbeRanking
 from inscrutable.adversaries.sensor.families import SensorFamily
 from inscrutable.adversaries.sensor.known_states import KnownStates, is_simple
@@ -60,6 +60,7 @@ def best_probe(
         InputError: A probe has states out of range, the mechanism has a memory, the family has other state labels than the
             world, `parameters` are not inside the bounds, or what is played changes with them, so that decisions at them are
             impossible beside them.
+        ModelError: The world rules a probe's states out.
 
     Cost: 2K+1 runs of the inverse filter with known states per probe, for all sequences of decisions at once.
 
@@ -84,6 +85,8 @@ def best_probe(
     if not len(probes):
         raise InputError("probes is empty; expected at least one sequence of states")
     paths = [symbols(each, world.n_states, f"probes[{i}]") for i, each in enumerate(probes)]
+    for i, path in enumerate(paths):
+        log_probability(path, world, f"probes[{i}]")
     steps = np.minimum(tolerances.SCORE_STEP * (high - low), 0.5 * np.minimum(point - low, high - point))
     places = [point, *(point + sign * steps * unit for unit in np.eye(len(point)) for sign in (-1.0, 1.0))]
     known = [_known(mechanism, with_sensor(world, sensors(*each))) for each in places]

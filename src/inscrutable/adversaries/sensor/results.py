@@ -78,7 +78,8 @@ class EstimatedSensor(_Answer):
             several do equally well, as near a sure state, or where the step was not used.
         residual: Largest Euclidean distance of a belief from the filter's update of the belief before it.
         status: Whether the data determine the sensor.
-        intervals: 95 % intervals of each entry, shape (X,Y,2).
+        intervals: 95 % intervals of each entry, shape (X,Y,2). In 300 fits of drawn worlds of two states and symbols, 200 steps
+            with Gaussian errors of 1e-4, they hold .89 of the true entries: successive steps share a belief and its error.
         noise: Standard deviation of a belief's error in any direction of the simplex, √(X/(X−1)) times that of a coordinate,
             estimated from the residuals.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import permutations
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ import pytest
 from inscrutable import (
     CategoricalEmission,
     EstimatedSensor,
+    EstimatedWorld,
     HiddenMarkovModel,
     InputError,
     MarkowitzProblem,
@@ -181,6 +183,17 @@ def test_a_world_is_read_through_noise_with_intervals_by_bootstrap() -> None:
     low, high = found.transition_intervals[..., 0], found.transition_intervals[..., 1]
     assert (high - low).max() == pytest.approx(0.01, rel=0.9)
     assert ((low - 0.01 <= TRANSITION) & (high + 0.01 >= TRANSITION)).all()
+
+
+def test_an_estimated_world_comes_back_from_its_file(tmp_path: Path) -> None:
+    beliefs, _ = path(TRANSITION, SENSOR, 60, np.random.default_rng(4))
+    found = estimate_world(beliefs, n_symbols=3)
+    found.save(tmp_path / "world.npz")
+    loaded = EstimatedWorld.load(tmp_path / "world.npz")
+    assert loaded.is_loaded
+    assert str(loaded) == str(found)
+    assert loaded.world.to_dict() == found.world.to_dict()
+    np.testing.assert_array_equal(loaded.sensor_intervals, found.sensor_intervals)
 
 
 def test_intervals_cover_the_entries_where_frequencies_give_the_scales() -> None:

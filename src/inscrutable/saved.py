@@ -16,12 +16,19 @@ from inscrutable.files import path_of, whole_file
 
 _FORMAT = "inscrutable-result-1"
 _Choice = TypeVar("_Choice", bound=Enum)
+_Plain = TypeVar("_Plain")
 
 
 def saved_choice(choice: type[_Choice]) -> type[_Choice]:
     """Make the members of an enumeration known to saved results."""
     Saved._known[choice.__name__] = choice
     return choice
+
+
+def saved_plainly(kind: type[_Plain]) -> type[_Plain]:
+    """Make a class with `to_dict` and `from_dict` known to saved results."""
+    Saved._known[kind.__name__] = kind
+    return kind
 
 
 class Summarised:
@@ -126,6 +133,8 @@ def _encode(value: Any, arrays: dict[str, Any]) -> Any:
     if isinstance(value, Saved):
         parts = {name: _encode(part, arrays) for name, part in value._parts().items()}
         return {"record": type(value).__name__, "fields": parts}
+    if type(value).__name__ in Saved._known:
+        return {"plain": value.to_dict(), "of": type(value).__name__}
     plain = value.item() if isinstance(value, np.generic) else value
     if isinstance(plain, float) and not np.isfinite(plain):
         return {"float": repr(plain)}
@@ -146,6 +155,8 @@ def _decode(value: Any, stored: Any) -> Any:
         if value["member"] not in kind.__members__:
             raise InputError(f"it has the unknown {value['of']} {value['member']!r}")
         return kind[value["member"]]
+    if "plain" in value:
+        return Saved._known[value["of"]].from_dict(value["plain"])
     if "tuple" in value:
         return tuple(_decode(item, stored) for item in value["tuple"])
     if "float" in value:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from inscrutable import validation
 from inscrutable.axes import Axis
 from inscrutable.errors import InputError, ModelError
+from inscrutable.saved import saved_plainly
 from inscrutable.validation import Array
 from inscrutable.worlds.emissions import Emission, cumulative, emission_from_dict, frozen
 from inscrutable.worlds.public import PublicPart, checked_public, part_of, public_from_dict
@@ -45,6 +46,7 @@ class Trajectory:
         return f"path of {len(self.states)} steps through {len(np.unique(self.states))} states{told}"
 
 
+@saved_plainly
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class HiddenMarkovModel:
     """A world of X hidden states, and a sensor: p(x_{t+1} = j | x_t = i) = transition[i, j], p(y_t | x_t).

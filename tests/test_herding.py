@@ -466,6 +466,13 @@ def test_randomised_response_over_choices() -> None:
     expected = (np.ones((3, 3)) + (np.exp(0.8) - 1) * np.eye(3)) / (np.exp(0.8) + 2)
     assert np.allclose(played, expected, atol=1e-12)
     assert np.allclose(ins.mechanism(ins.CoinDecisionMaker.response(problem, 0.0), np.eye(3)).probabilities, 1 / 3)
+    for costs in (
+        [[0.0, 0.0], [1.0, 0.0]],
+        [[0.0, 0.0], [0.0, 1.0]],
+    ):  # both orders of a choice that is the best only by a tie
+        tied = ins.CoinDecisionMaker.response(ins.FiniteProblem(costs), np.log(3.0))
+        shares = ins.mechanism(tied, [[0.3, 0.7]], np.eye(2)).probabilities[0]
+        assert shares.tolist() == pytest.approx([0.75, 0.25] if costs[1][1] else [0.25, 0.75])
     with pytest.raises(InputError, match=r"\[2\] are not"):
         ins.CoinDecisionMaker.response(ins.FiniteProblem([[0.0, 1.0, 0.6], [1.0, 0.0, 0.6]]), 1.0)
     with pytest.raises(InputError, match="needs a FiniteProblem"):

@@ -53,6 +53,7 @@ class CoinDecisionMaker(DrawingDecisionMaker):
         self.decoy = validation.beliefs(given, n_states, "decoy", names=self.problem.state_names)
         if not len(self.decoy):
             raise InputError("decoy has no rows; expected at least one belief")
+        self._played: Array | None = None  # the decoys' decisions where they are not the first of tied ones
 
     @classmethod
     def response(cls, problem: FiniteProblem, epsilon: float) -> CoinDecisionMaker:
@@ -77,20 +78,25 @@ class CoinDecisionMaker(DrawingDecisionMaker):
         """
         if not isinstance(problem, FiniteProblem):
             raise InputError(f"randomised response needs a FiniteProblem, got {problem!r}")
-        choices, states = np.unique(problem.solve(np.eye(problem.n_states)), return_index=True)
-        n_choices = problem.n_choices
-        if len(choices) < n_choices:
-            never = sorted(set(range(n_choices)) - set(choices.tolist()))
+        states, n_choices = np.eye(problem.n_states), problem.n_choices
+        best = problem.tied(states)
+        never = np.flatnonzero(~best.any(axis=0)).tolist()
+        if never:
             raise InputError(
                 f"randomised response needs choices each of which is the best in some state; {never} are not"
             )
         odds = np.exp(-validation.non_negative(epsilon, "epsilon"))
-        return cls(problem, n_choices * odds / (1.0 + (n_choices - 1) * odds), decoy=np.eye(problem.n_states)[states])
+        found = cls(problem, n_choices * odds / (1.0 + (n_choices - 1) * odds), decoy=states[best.argmax(axis=0)])
+        found._played = np.eye(n_choices)
+        return found
 
     def _lotteries(self, beliefs: Array) -> CandidateLotteries:
         decoys = np.atleast_2d(self.decoy)
         both = np.vstack([decoys, beliefs])
-        candidates = make_candidates(self.problem, self.problem.solve_points(both), both)
+        solved = self.problem.solve_points(both)
+        if self._played is not None:
+            solved[: len(decoys)] = self._played
+        candidates = make_candidates(self.problem, solved, both)
         drawn, often = np.unique(candidates.same_as[: len(decoys)], return_counts=True)
         own = candidates.same_as[len(decoys) :, None]
         optimal = (beliefs * candidates.state_costs[len(decoys) :]).sum(axis=1)

@@ -397,6 +397,15 @@ def test_rounding_to_the_grid_finds_the_nearest_point(seed, n_states, resolution
     assert np.linalg.norm(beliefs - found, axis=1) == pytest.approx(nearest, abs=1e-12)
 
 
+def test_regrets_that_are_all_rounding_are_taken_as_zero():
+    beliefs = np.array([[0.5, 0.5], [0.2, 0.8]])
+    for lost in (-5e-17, -9e-16):
+        kept = Mechanism(beliefs, np.array([1]), np.ones((2, 1)), [[0.0], [lost]])
+        np.testing.assert_array_equal(kept.regrets, 0.0)
+    with pytest.raises(InputError, match="regrets must be at least 0, got -1e-06"):
+        Mechanism(beliefs, np.array([1]), np.ones((2, 1)), [[0.0], [-1e-6]])
+
+
 def test_each_prior_is_the_law_of_its_own_belief(fresh_rng):
     world = HiddenMarkovModel(
         [[0.7, 0.2, 0.1], [0.2, 0.6, 0.2], [0.1, 0.3, 0.6]],

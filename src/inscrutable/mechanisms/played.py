@@ -149,7 +149,8 @@ def checked_costs(
         raise InputError(f"a mechanism needs a belief and an action at least, got {shape[0]} and {shape[1]}")
     if costs.shape != shape:
         raise InputError(f"{shape[0]} beliefs and {shape[1]} actions need regrets of shape {shape}, got {costs.shape}")
-    if costs.min() < -tolerances.FEASIBILITY * abs(costs.max()):  # a little below zero are differences of equal costs
+    # A little below zero are differences of equal costs; where all regrets are so, of costs of about one.
+    if costs.min() < -max(tolerances.FEASIBILITY * abs(costs.max()), tolerances.COST_ROUNDING):
         b, m = np.unravel_index(int(costs.argmin()), shape)
         raise InputError(f"regrets must be at least 0, got {costs[b, m]:g} at index [{b}, {m}]")
     return held, played, np.maximum(costs, 0.0)

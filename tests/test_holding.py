@@ -9,7 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from inscrutable import InputError
+from inscrutable import GaussianEmission, HiddenMarkovModel, InputError, MarkowitzProblem, simplex
+from inscrutable.experiments.attack import attack_weights
+from inscrutable.experiments.attack_judged import judge_attack
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
 from inscrutable.experiments.holding import Reached, Requirement, StateRanking, best_ranking, estimate_quality
 from inscrutable.experiments.investor_model import InvestorModel
@@ -154,6 +156,47 @@ def test_protect_judges_by_the_same_rule(found: Backtest) -> None:
     assert f"CDM (error {error:.2f}, named {named:.0%})" in protection.verdict
     assert f"at least {2 / 3 * without:.2f}" in protection.verdict
     assert f"chance, {chance:.0%}," in protection.verdict
+
+
+def always_likeliest() -> tuple[InvestorModel, pd.DataFrame]:
+    """A model of two regimes, and beliefs under which the same one is the likeliest in all rows."""
+    sensor = GaussianEmission([[0.008, 0.012], [-0.02, -0.03]], [0.002 * np.eye(2), 0.008 * np.eye(2)])
+    world = HiddenMarkovModel([[0.95, 0.05], [0.2, 0.8]], sensor)
+    problem = MarkowitzProblem(sensor.means, sensor.covariances, 5.0, simplex(2))
+    calm = np.array([0.82, 0.8, 0.78, 0.76])
+    model = InvestorModel(world, problem, ("A", "B"), ("calm", "crisis"))
+    return model, pd.DataFrame({"calm": calm, "crisis": 1.0 - calm})
+
+
+def test_where_naming_tests_nothing_protect_and_attack_say_so_alike() -> None:
+    model, given = always_likeliest()
+    found = protect(model, given, 0.02, rng=np.random.default_rng(0))
+    vacuous = "One regime is the likeliest in all the rows, so naming it tests nothing: the error alone decides."
+    assert vacuous in found.verdict
+    assert "chance" not in found.verdict
+    published = pd.DataFrame(found.deterministic.action, columns=["A", "B"])
+    assert vacuous in judge_attack(attack_weights(model, published), given).summary()
+    for cases in ("months", "the cases"):
+        assert f"in all {cases}, so" in Requirement(0.3, 1.0).meaning(without="it", state="state", cases=cases)
+
+
+def test_that_the_opposite_is_right_is_said_by_protect_and_attack_alike(found: Backtest) -> None:
+    model, given = always_likeliest()
+    given["calm"] = [0.7, 0.3, 0.65, 0.35]
+    given["crisis"] = 1.0 - given["calm"]
+    reached = protect(model, given, 0.3, rng=np.random.default_rng(0))
+    centres = np.array([each.center() for each in reached.deterministic.belief_set])
+    named = estimate_quality(centres, given.to_numpy()).named
+    assert named < 0.25
+    told = f"with two regimes, an observer who reads the opposite is right in {1 - named:.0%}."
+    assert f"CDM counts as hiding from the naive observer, but {told}" in reached.verdict
+    published = pd.DataFrame(reached.deterministic.action, columns=["A", "B"])
+    assert told in judge_attack(attack_weights(model, published), given).summary()
+    figures = with_figures(found, base_rate=0.5, share_regime_named=named, error_face_value=1.0, error_without=0.5)
+    assert f"CDM: {told}" in cautions(figures)
+    asked, ranking = Requirement(0.5, 0.5), StateRanking(0, 0.9)
+    assert asked.caution(0.5, ranking, model.regimes) == ranking.told(model.regimes, "row")
+    assert not asked.caution(0.0, None, ("calm", "dull", "crisis"))
 
 
 def test_the_best_ranking_is_that_of_all_pairs(fresh_rng: np.random.Generator) -> None:

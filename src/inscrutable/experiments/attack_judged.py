@@ -68,7 +68,7 @@ class JudgedObserver(NamedTuple):
         return bool(self.reached.name == _AWARE and self.reached.error > odd)
 
     def summary(self, regimes: Sequence[str]) -> str:
-        """Return the verdict in one sentence; in a second one where the observer nevertheless ranks a regime well."""
+        """Return the verdict in one sentence, with what the observer's estimate nevertheless tells."""
         if self.n_read == 0:
             return f"Hidden from {self.reached.name}: not known, as no belief explains any row."
         if 2 * self.n_off > self.n_read > 1:
@@ -86,10 +86,9 @@ class JudgedObserver(NamedTuple):
             without = "" if self.asked is None else f"; without weights the error is {self.asked.error_without:.3f}"
             return f"Error of {self.reached.name}: {self.reached.error:.3f}{without}."
         verdict = f"Hidden from {self.reached.name}: {'yes' if self.is_hidden else 'no'} ({self.asked.compare(self.reached)})."
-        if self.is_hidden and self.asked.chance == 1.0:
-            alone = f"One regime is the likeliest in all {self.n_read} rows, so naming it tests nothing"
-            return f"{verdict} {alone}: the error alone decides."
-        told = self.ranking.told(regimes, "row") if self.is_hidden and self.ranking else ""
+        if not self.is_hidden:
+            return verdict
+        told = self.asked.caution(self.reached.named, self.ranking, regimes)
         return f"{verdict[:-1]}, but {told}" if told else verdict
 
 

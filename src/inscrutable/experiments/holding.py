@@ -37,6 +37,9 @@ RANKED = 5.0 / 6.0
 way from chance, a half, to always. It is .72 under the sequential rule on the packaged returns and 1 for optimal
 decisions; .92 was met where one regime held in 89 % of the weeks, so that the naming could hardly fail."""
 
+TURNED = 0.5
+"""Share of the namings right by chance below which a caution says that of two states the opposite is mostly right."""
+
 _MOST_LISTED = 3
 _MOST_DIGITS = 8  # additional digits tried where a figure misses its bound by rounding
 
@@ -95,18 +98,34 @@ class Requirement:
         return reached.error >= self.least_error and reached.named <= self.most_named
 
     def meaning(self, *, without: str, state: str, cases: str) -> str:
-        """Return what "hidden" means, with its numbers, in one sentence.
+        """Return what "hidden" means, with its numbers; where one state is the likeliest in all cases, naming it tests nothing.
 
         Args:
             without: What the observer does not see, such as "weights".
             state: What the observer names, such as "regime".
             cases: The cases of the shares, such as "months".
         """
-        return (
+        errs = (
             f"Hidden means: the observer's estimate errs by at least {self.least_error:.2f} (two thirds of "
-            f"{self.error_without:.2f}, its error without {without}), and it names the likeliest {state} in at most "
-            f"{self.most_named:.0%} of {cases} (a third of the way from chance, {self.chance:.0%}, to always)."
+            f"{self.error_without:.2f}, its error without {without})"
         )
+        if self.most_named >= 1.0:
+            return f"{errs}. One {state} is the likeliest in all {cases}, so naming it tests nothing: the error alone decides."
+        return (
+            f"{errs}, and it names the likeliest {state} in at most {self.most_named:.0%} of {cases} (a third of the way from "
+            f"chance, {self.chance:.0%}, to always)."
+        )
+
+    def opposite(self, named: float, regimes: Sequence[str]) -> str:
+        """Return as text how often the opposite of what the observer names is right; empty unless that is often, of two."""
+        if len(regimes) != 2 or not named < TURNED * self.chance:
+            return ""
+        return f"with two regimes, an observer who reads the opposite is right in {1 - named:.0%}."
+
+    def caution(self, named: float, ranking: StateRanking | None, regimes: Sequence[str]) -> str:
+        """Return what estimates that hide the belief in some rows nevertheless tell, as text; empty for nothing."""
+        ranked = "" if ranking is None else ranking.told(regimes, "row")
+        return self.opposite(named, regimes) or ranked
 
     def judge(self, reached: Sequence[Reached], unprotected: Reached | None = None) -> str:
         """Return which decision makers hide the belief and which do not, with the error and the share of right namings reached.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -27,7 +28,7 @@ from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Attack, Reading
 from inscrutable.experiments.episodes import part_of
-from inscrutable.experiments.holding import Reached, estimate_quality, requirement_of
+from inscrutable.experiments.holding import Reached, Requirement, best_ranking, estimate_quality, requirement_of
 from inscrutable.experiments.investor_model import BASIS_POINTS, InvestorModel, checked_model
 from inscrutable.experiments.silence import silence_in
 from inscrutable.geometry import BeliefSet
@@ -107,14 +108,9 @@ class Protection:
         if asked is None:
             return ""
         than = self._silence_text()
-        reached = [
-            Reached(name, *estimate_quality(np.array([each.center() for each in sets]), self.beliefs))
-            for name, sets in (
-                ("ODM", self.optimal_sets),
-                ("CDM", self.deterministic.belief_set),
-                ("PDM", self.drawn.belief_set),
-            )
-        ]
+        sets = {"ODM": self.optimal_sets, "CDM": self.deterministic.belief_set, "PDM": self.drawn.belief_set}
+        estimates = {name: np.array([each.center() for each in found]) for name, found in sets.items()}
+        reached = [Reached(name, *estimate_quality(found, self.beliefs)) for name, found in estimates.items()]
         if len(self) == 1:
             told = ("explained by no belief" if np.isnan(each.error) else f"{each.error:.2f}" for each in reached)
             errors = ", ".join(f"{each.name} {error}" for each, error in zip(reached, told, strict=True))
@@ -129,9 +125,20 @@ class Protection:
             )
         return (
             f"Hidden from the naive observer, who takes the weights at face value: {asked.judge(reached[1:], reached[0])}.\n"
+            f"{self._cautions(asked, reached, estimates)}"
             f"{asked.meaning(without='weights', state='regime', cases='the rows')}\n{than}\n"
             "A backtest and a comparison judge the aware observer, who knows the rule."
         )
+
+    def _cautions(self, asked: Requirement, reached: Sequence[Reached], estimates: Mapping[str, Array]) -> str:
+        """What the naive observer's estimates tell of beliefs that count as hidden, a line each; `reached` begins with ODM."""
+        said = ""
+        for each in reached[1:]:
+            if not asked.is_met(each) or asked.is_met(reached[0]):
+                continue
+            told = asked.caution(each.named, best_ranking(estimates[each.name], self.beliefs), self.model.regimes)
+            said += f"{each.name} counts as hiding from the naive observer, but {told}\n" if told else ""
+        return said
 
     def _silence_text(self) -> str:
         """What the best constant portfolio costs in the long run, or why that is not known."""

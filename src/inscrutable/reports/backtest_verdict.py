@@ -401,8 +401,8 @@ def cautions(result: Backtest) -> list[str]:
         )
     for name in hiding:
         named = figures[name]["share_regime_named"]
-        if len(result.regimes) == 2 and named < 0.5 * figures[odm]["base_rate"]:
-            said.append(f"{name}: with two regimes, an observer who reads the opposite is right in {1 - named:.0%}.")
+        if opposite := _asked(result).opposite(named, result.regimes):
+            said.append(f"{name}: {opposite}")
         elif result.aware is None and named > Requirement(0.0, figures[odm]["base_rate"]).most_named:
             said.append(
                 f"{name}: the likeliest regime is hardly hidden: named in {_share(named)} instead of {_share(optimal)}."

@@ -111,7 +111,7 @@ WRONG = [
     ("attack", "--regret=regret:-1", "--regret: budget must be at least 0, got regret:-1"),
     ("protect", "--budget=-10%", "--budget must be at least 0, got -10%"),
     ("protect", "--belief 0.4,0.7", "--belief sums to 1.1, expected 1"),
-    ("protect", "--turnover 10%", "--turnover that is limited and the weights published last go together"),
+    ("protect", "--turnover 10%", "bad data: the weights published last are missing, from which a limited turnover counts"),
     ("backtest", "--regimes 0", "--regimes must be"),
     ("backtest", "--budget=-5bp", "--budget must be at least 0, got -5bp"),
     ("backtest", "--sector-cap 30%", "--sector-cap and sectors go together"),

@@ -138,12 +138,17 @@ class InvestorModel:
             InputError: Turnover is limited and `previous` is missing, or the other way round.
             ModelError: No feasible weights are within the limit on turnover.
         """
-        if (self.turnover is None) != (previous is None):
+        if self.turnover is not None and previous is None:
             raise InputError(
-                "turnover that is limited and the weights published last go together: give both (--turnover, --previous)"
+                "the weights published last are missing, from which a limited turnover counts: give them (--previous)"
             )
         if previous is None:
             return self
+        if self.turnover is None:
+            raise InputError(
+                "turnover is not limited, and the weights published last matter only where it is: limit it (--turnover), or "
+                "leave them out (--previous)"
+            )
         return replace(self, problem=self.problem_after(previous), turnover=None, unlimited=self.problem)
 
     def belief_after(self, returns: pd.DataFrame) -> Array:

@@ -366,7 +366,15 @@ def test_the_command_keeps_a_limit_on_turnover(small, tmp_path: Path, capsys: py
         published.append(list(json.loads(capsys.readouterr().out)["published"].values()))
     assert np.abs(np.diff(published, axis=0)).sum(axis=1).max() <= 0.6 + 1e-9
     assert main([*call, "--turnover", "0.5"]) == 3
-    assert "another limit on turnover" in capsys.readouterr().err
+    assert "another limit on turnover, 0.6 instead of 0.5" in capsys.readouterr().err
+    assert main(call) == 3
+    told = " ".join(capsys.readouterr().err.split())
+    assert (
+        "another limit on turnover, 0.6 instead of none. Go on as it was begun, with the same problem and limits"
+        in told
+    )
+    assert main([*call, "--turnover", "0.6", "--max-weight", "0.7"]) == 3
+    assert "other decisions, such as those of other limits" in " ".join(capsys.readouterr().err.split())
     dates = pd.date_range("2024-01-31", periods=len(published), freq="ME")
     pd.DataFrame(published, dates, list(ASSETS)).to_csv(tmp_path / "published.csv")
     ask = ["attack", "--model", str(file), "--weights", str(tmp_path / "published.csv"), "--mechanism", "sequential"]

@@ -354,8 +354,9 @@ class DecisionSequence(Summarised, KeptInFile):
             problem_of(self._table, self._law, self._maker.limit).check(found.problem)
         except InputError as error:
             raise InputError(
-                f"{path} cannot be continued: {error}. Go on as it was begun (budgets and limits may be left out), or begin "
-                "another sequence in another file: the observer remembers this one all the same"
+                f"{path} cannot be continued: {error}. Go on as it was begun, with the same problem and limits (`protect` "
+                "takes the budget from the file where none is given), or begin another sequence in another file: the observer "
+                "remembers this one all the same"
             ) from None
         if found.kept >= self._table.n_values:
             raise InputError(f"{path} is damaged: it kept value {found.kept} of {self._table.n_values}")

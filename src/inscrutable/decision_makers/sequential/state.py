@@ -43,12 +43,12 @@ class SequenceProblem(Saved):
             "beliefs": "other beliefs",
             "weights": "a law of the belief that is another",
             "transition": "a chain that is another",
-            "decisions": "other decisions",
+            "decisions": "other decisions, such as those of other limits",
             "state_costs": "other costs",
             "cap": "another cap on the regret",
             "limit": f"another budget, a mean regret of {other.limit:.8g} a step instead of {self.limit:.8g}",
             "rival": "another loss of the observer",
-            "turnover": "another limit on turnover",
+            "turnover": f"another limit on turnover, {_limit(other.turnover)} instead of {_limit(self.turnover)}",
         }
         if self.disclosure != other.disclosure:
             raise InputError(
@@ -72,6 +72,10 @@ def _plain(value: Any) -> Array:
     if value is None:
         return np.empty(0)
     return np.asarray(value.toarray() if hasattr(value, "toarray") else value, dtype=np.float64)
+
+
+def _limit(turnover: float | None) -> str:
+    return "none" if turnover is None else f"{turnover:.8g}"
 
 
 def _size(values: Array) -> float:

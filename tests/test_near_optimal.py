@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
-from scipy.optimize import linprog, minimize_scalar
+from scipy.optimize import brentq, linprog, minimize_scalar
 
 from inscrutable import (
     Budget,
     BudgetAwareAdversary,
     FiniteProblem,
     InputError,
+    KellyProblem,
     MarkowitzProblem,
     NearOptimalAdversary,
     Prior,
@@ -269,3 +270,56 @@ def test_a_constant_in_the_costs_changes_no_set(constant, fresh_rng):
         prior = Prior(beliefs, np.full(200, 1.0 / 200))
         estimates = [NearOptimalAdversary(each, regret, prior=prior).estimate(action) for each in (small, large)]
         np.testing.assert_allclose(*estimates, atol=1e-9)
+
+
+@pytest.mark.parametrize("ruined", [False, True])
+@pytest.mark.parametrize("limit", [1e-5, 1e-4, 1e-2])
+def test_sets_of_growth_are_as_accurate_as_those_of_other_costs(limit, ruined):
+    """Regrets in a race are relative entropies. The cost of ruin set the accuracy, 1e-3 for all sets."""
+    n_states = 3 if ruined else 2
+    problem = KellyProblem(2.0 * np.eye(n_states)[:, None, :], np.ones((n_states, 1)))
+    action = np.array([0.45, 0.55, 0.0])[:n_states]
+
+    def excess(x):
+        return x * np.log(x / 0.45) + (1 - x) * np.log((1 - x) / 0.55) - limit
+
+    expected = [brentq(excess, 1e-9, 0.45), brentq(excess, 0.45, 1 - 1e-9)]
+    near, aware = NearOptimalAdversary(problem, limit), BudgetAwareAdversary(problem, Budget.regret(limit))
+    for observer in (near, aware):
+        found = observer.infer(action)
+        np.testing.assert_allclose(found.bounds()[0], expected, atol=3e-5)
+        np.testing.assert_allclose(found.vertices()[:, 2:], 0.0, atol=1e-9)
+    inside, outside = (expected[1] + move * (expected[1] - 0.45) for move in (-0.1, 0.1))
+    beliefs = np.zeros((3, n_states))
+    beliefs[:, 0] = inside, outside, 0.3
+    beliefs[:, n_states - 1] += [0.0, 0.0, 0.1]
+    beliefs[:, 1] += 1.0 - beliefs.sum(axis=1)
+    assert [near.infer(action).contains(each) for each in beliefs] == [True, False, False]
+    prior = Prior(beliefs, np.full(3, 1.0 / 3.0))
+    for reader in (
+        NearOptimalAdversary(problem, limit, prior=prior),
+        BudgetAwareAdversary(problem, Budget.regret(limit), prior=prior),
+    ):
+        np.testing.assert_allclose(reader.estimate(action), beliefs[0], atol=1e-12)
+
+
+def test_the_gap_of_growth_is_as_accurate_as_that_of_other_costs():
+    """The cost of ruin set its accuracy, 1e-5. At a race's best belief all horses pay the same share of what they would."""
+    rng = np.random.default_rng(7)
+    for n_states in (2, 3, 4):
+        odds, shares = rng.uniform(n_states, n_states + 2, n_states), 0.95 * rng.dirichlet(np.full(n_states, 3.0))
+        returns = np.column_stack([np.diag(odds), np.full(n_states, 0.5)])
+        problem = KellyProblem(returns[:, None, :], np.ones((n_states, 1)))
+        least = -np.log(0.95 + 0.05 * 0.5 * (1.0 / odds).sum())
+        assert plausibility_gap(problem, [*shares, 0.05]) == pytest.approx(least, abs=1e-8)
+
+
+@pytest.mark.parametrize("budget", [1e-4, 0.01])
+def test_a_share_of_growth_explains_what_is_optimal_and_stakes_nothing_on_a_state(budget):
+    odds = np.array([3.9, 3.57, 2.96, 2.46, 2.93])
+    problem = KellyProblem(np.diag(odds)[:, None, :], np.ones((5, 1)))
+    belief = np.array([0.365, 0.0925, 0.0, 0.112, 0.4305])
+    found = BudgetAwareAdversary(problem, budget).infer(problem.solve(belief))
+    assert not found.is_empty
+    assert found.contains(belief)
+    assert found.distance(belief) == 0.0

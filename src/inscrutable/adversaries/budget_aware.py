@@ -38,7 +38,8 @@ class ScaledBeliefs(NearOptimalBeliefs):
         own = self._own_costs
         if self.share == 0:
             return np.eye(self.n_states)[int(own.argmin())], max(float(own.min()), 0.0)
-        found = planes_below(self.problem, own / self.share, self._level / self.share)
+        scaled = np.where(own < self.problem.ruin_cost, own / self.share, own)
+        found = planes_below(self.problem, scaled, self._level / self.share)
         return found.belief, self.share * found.gap
 
 

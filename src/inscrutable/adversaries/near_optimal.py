@@ -169,13 +169,17 @@ class NearOptimalBeliefs:
         return sum_zero_basis(self.n_states)
 
     def _rows(self) -> tuple[Array, Array]:
-        """Rows and offsets of the current outer polytope in the coordinates of `_basis` around the simplex's centre."""
+        """Rows and offsets of the current outer polytope in the coordinates of `_basis` around the simplex's centre.
+
+        A state of ruin has probability 0: its cost, beside others in a row, would exceed what solvers resolve.
+        """
         centre = np.full(self.n_states, 1.0 / self.n_states)
-        planes = np.array(self._planes)
+        ruined = self._own_costs >= self.problem.ruin_cost
+        planes = np.where(ruined, 0.0, np.array(self._planes))
         scale = max(float(np.abs(planes).max()), self.regret, self.accuracy)
-        normals = np.vstack([planes / scale, -np.eye(self.n_states)])
+        normals = np.vstack([planes / scale, -np.eye(self.n_states), np.eye(self.n_states)[ruined]])
         level = (self.regret + self._level) / scale
-        allowed = np.concatenate([np.full(len(planes), level), np.zeros(self.n_states)])
+        allowed = np.concatenate([np.full(len(planes), level), np.zeros(len(normals) - len(planes))])
         return np.asarray(normals @ self._basis), np.asarray(allowed - normals @ centre)
 
     def _polytope(self) -> Reduced | None:
@@ -329,14 +333,16 @@ def near_optimal_beliefs(problem: DecisionProblem, action: ArrayLike, regret: fl
 
 
 def regret_accuracy(problem: DecisionProblem, action: Array, limit: float) -> float:
-    """Return the error that is allowed in regrets of a decision (U,): relative to the limit and to the differences between its
-    costs and those of the states' best decisions, which a constant in the costs leaves as they are."""
+    """Return the error that is allowed in regrets of a decision (U,): relative to the limit and to its largest regret in a
+    single state, which a constant in the costs leaves as it is. States of ruin are left out."""
     own = problem.state_costs(action)
-    apart = float(np.abs(own - problem.state_costs(problem.solve(np.eye(problem.n_states)))).max())
+    regrets = own - problem.optimal_cost(np.eye(problem.n_states))
+    apart = float(np.abs(regrets[own < problem.ruin_cost]).max(initial=0.0))
     return max(tolerances.NEAR_OPTIMAL * max(apart, limit), float(regret_rounding(problem, own)))
 
 
 def regret_rounding(problem: DecisionProblem, costs: Array) -> Array:
-    """Return the error of regrets computed from state costs (…,X), shape (…)."""
+    """Return the error of regrets computed from state costs (…,X), shape (…); costs of ruin are left out."""
     share = max(min(problem.cost_accuracy, tolerances.NEAR_OPTIMAL), 2.0 * tolerances.COST_ROUNDING)
-    return np.asarray(share * np.abs(costs).max(axis=-1) + np.finfo(float).tiny)
+    kept = np.where(costs < problem.ruin_cost, np.abs(costs), 0.0)
+    return np.asarray(share * kept.max(axis=-1) + np.finfo(float).tiny)

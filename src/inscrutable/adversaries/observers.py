@@ -186,7 +186,8 @@ class PriorReader(SetObserver):
         """Return which of the prior's beliefs are in the sets of which decisions, shape (m,B)."""
         costs, excess, limits = self._excess(points, prior)
         # A decision that spends its budget to the last digit is within it.
-        apart = np.abs(excess + limits).max(axis=1, keepdims=True)
+        ruined = (costs >= self.problem.ruin_cost) @ prior.beliefs.T > 0
+        apart = np.where(ruined, 0.0, np.abs(excess + limits)).max(axis=1, keepdims=True)
         allowed = tolerances.NEAR_OPTIMAL * np.maximum(apart, limits) + regret_rounding(self.problem, costs)[:, None]
         return np.asarray(excess <= allowed)
 

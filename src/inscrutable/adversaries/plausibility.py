@@ -53,7 +53,7 @@ def planes_below(problem: DecisionProblem, own: Array, margin: float = np.inf) -
 
     Where the minimum may be zero because π·s < V(π), only a finite `margin` ends the search.
     """
-    search = _Search(problem.n_states, own, margin)
+    search = _Search(problem, own, margin)
     while not search.is_closed:
         search.take(problem.state_costs(problem.solve(search.waiting)))
     return search.found()
@@ -61,7 +61,7 @@ def planes_below(problem: DecisionProblem, own: Array, margin: float = np.inf) -
 
 def nearest_explanations(problem: DecisionProblem, actions: Array) -> tuple[Array, Array]:
     """Return `nearest_explanation` of many decisions (M,U), solved together: beliefs (M,X) and regrets (M,)."""
-    searches = [_Search(problem.n_states, own, np.inf) for own in np.atleast_2d(problem.state_costs(actions))]
+    searches = [_Search(problem, own, np.inf) for own in np.atleast_2d(problem.state_costs(actions))]
     still = searches
     while still:
         costs = problem.state_costs(problem.solve(np.vstack([each.waiting for each in still])))
@@ -77,8 +77,9 @@ def nearest_explanations(problem: DecisionProblem, actions: Array) -> tuple[Arra
 class _Search:
     """Cutting planes for one decision: a queue of beliefs to solve for; the costs of their optima give the planes."""
 
-    def __init__(self, n_states: int, own: Array, margin: float) -> None:
-        self._own, self._margin = own, margin
+    def __init__(self, problem: DecisionProblem, own: Array, margin: float) -> None:
+        self._own, self._margin, self._ruin = own, margin, problem.ruin_cost
+        n_states = problem.n_states
         middle = np.full((1, n_states), 1.0 / n_states)
         self.waiting = np.vstack([middle, np.eye(n_states)]) if n_states > 1 else np.ones((1, 1))
         self.is_closed = False
@@ -96,7 +97,8 @@ class _Search:
                 self._best, self._upper = point, max(float(regret), 0.0)
         self._planes, self._points = np.vstack([self._planes, planes]), np.vstack([self._points, self.waiting])
         if self._game is None:
-            self._scale = max(float(np.abs(planes).max()), np.finfo(float).tiny)
+            sizes = np.abs(planes)[np.maximum(self._own, costs) < self._ruin]
+            self._scale = max(float(sizes.max(initial=0.0)), np.finfo(float).tiny)
             self._game = PlaneGame(planes / self._scale)
         else:
             self._game.add(planes / self._scale)

@@ -45,6 +45,9 @@ class DecisionProblem(ABC):
     """Largest excess of the cost of `solve(π)` over V(π), relative to the largest expected size Σ π_i|c(i,u) − c(i,v)| of a
     difference of costs; proofs allow for it and for the rounding of costs."""
 
+    ruin_cost: float = np.inf
+    """State cost that stands for an infinite one; accuracies are not relative to it."""
+
     @property
     def costs_are_unique(self) -> bool:
         """Whether all optimal decisions of a belief have the same state costs, so that V is smooth; False is always safe."""

@@ -19,9 +19,6 @@ from inscrutable.problems.quadratic import are_strictly_convex
 from inscrutable.problems.quadratic_programme import Layout, layout_of
 from inscrutable.validation import Array
 
-_RUIN = 1e4
-"""Cost of losing everything: above the logarithm of any float, so that the cost stays convex, and finite, so that it does not
-matter to beliefs that rule the loss out."""
 _BLOCK_ENTRIES = 4_000_000
 
 
@@ -55,6 +52,10 @@ class KellyProblem(DecisionProblem):
         >>> print(problem.solve([0.3, 0.7]).round(6))
         [0.3 0.7]
     """
+
+    ruin_cost = 1e4
+    """Cost of losing everything: above the logarithm of any float, so that the cost stays convex, and finite, so that it does
+    not matter to beliefs that rule the loss out."""
 
     def __init__(
         self, gross_returns: ArrayLike, probabilities: ArrayLike, constraints: Polyhedron | None = None
@@ -229,7 +230,7 @@ class KellyProblem(DecisionProblem):
         costs = -(self.probabilities * np.log(np.where(wealth > 0, wealth, 1.0))).sum(axis=-1)
         # However rare the outcome: with leverage, ruin times a small probability would cost less than it gains.
         is_lost = ((self.probabilities > 0) & (wealth <= 0)).any(axis=-1)
-        return np.asarray(np.where(is_lost, _RUIN, costs))
+        return np.asarray(np.where(is_lost, self.ruin_cost, costs))
 
     def cost_gradients(self, action: ArrayLike) -> Array:
         """Return −Σ_s p_is r_is / (r_is'u) for decisions (…,U), shape (…,X,U); wealth below a millionth of p_is times the best

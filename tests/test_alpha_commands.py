@@ -133,6 +133,15 @@ def test_a_month_of_what_may_be_held(capsys: pytest.CaptureFixture[str], folder:
     assert held.max() <= 0.6 + 1e-9
 
 
+def test_limits_that_are_never_reached_hide_no_more(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    """It said that the rule hides more, whichever way the simulation was off."""
+    pd.DataFrame(1e-8 * np.eye(3), NAMES, NAMES).to_csv(folder / "S.csv", index_label="asset")
+    out = run(capsys, folder, "--prior-covariance", folder / "S.csv", "--held", "long-only")[1]
+    stated, simulated = (float(x) for x in re.findall(r"regret a step +at most (\S+); simulated (\S+)", out)[0])
+    assert simulated == pytest.approx(stated, rel=1e-3)
+    assert "hides more" not in out
+
+
 def test_a_month_of_signals(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     loads = pd.DataFrame([[1.0, 0.0], [0.5, 0.5], [0.0, 2.0]], NAMES, ["value", "trend"])
     loads.to_csv(folder / "B.csv", index_label="asset")

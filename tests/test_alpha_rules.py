@@ -33,6 +33,7 @@ from inscrutable import (
     implied_views,
     kalman_filter,
     obfuscated_decision,
+    simplex,
     steady_filter,
 )
 from inscrutable.alphas.error_law import ErrorLaw
@@ -874,6 +875,26 @@ def test_under_limits_the_budget_is_spent() -> None:
             assert abs(regrets.mean() - figure.mean) <= 6 * spread, FRESH_SEED
     with pytest.raises(InputError, match="no inequalities"):
         AlphaDecisionMaker(problem_of(np.eye(2)), 0.5, prior_covariance=np.eye(2)).under_limits(rng=rng)
+
+
+@pytest.mark.parametrize("width", [0.0, 3.0], ids=["limits that are reached", "limits that never are"])
+def test_under_limits_no_rule_hides_less_than_its_budget_without_them(
+    width: float, fresh_rng: np.random.Generator
+) -> None:
+    """The whole regret was simulated: where limits save little, by chance more or less than the budget was spent."""
+    risk = np.array([[0.04, 0.01, 0.0], [0.01, 0.02, 0.005], [0.0, 0.005, 0.09]])
+    problem = AlphaProblem(risk, 3.0, box([-width] * 3, [width] * 3) if width else simplex(3))
+    prior = np.diag([4e-4, 1e-4, 9e-4])
+    maker = AlphaDecisionMaker(problem, Budget.regret(5e-4), prior_covariance=prior)
+    for _ in range(instances(6)):
+        grown = maker.under_limits(draws=200, rng=fresh_rng)
+        figure = grown.simulated_regret
+        assert figure is not None
+        assert grown.regret >= maker.regret * (1.0 - 1e-9)
+        assert figure.mean <= grown.regret
+        assert figure.standard_error < 2e-5  # simulated whole, 3.5e-5
+        if width:
+            assert grown.bits == pytest.approx(maker.bits, rel=1e-9)
 
 
 def test_under_limits_the_long_run_does_not_depend_on_the_start(fresh_rng: np.random.Generator) -> None:

@@ -28,7 +28,7 @@ from inscrutable.alphas.problem import AlphaProblem, checked_alpha_problem
 from inscrutable.alphas.risk import FactorRisk
 from inscrutable.alphas.sequence import AlphaDraw, AlphaPath, AlphaSequence
 from inscrutable.alphas.trading import TradingPolicy, trading_policy
-from inscrutable.alphas.under_limits import SimulatedRegret, drawn_means, mean_of, regrets_of, spending
+from inscrutable.alphas.under_limits import SimulatedRegret, drawn_means, simulation, spending
 from inscrutable.axes import Axis
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.errors import InputError, ModelError
@@ -265,12 +265,12 @@ class AlphaDecisionMaker:
 
         Formula: means are drawn from the observer's law without decisions, estimates from the rule's. With a world it is the
         law of the long run, whose mean is zero; with a public sensor that mean is drawn as well, as it follows the public
-        observations. E grows until the mean regret equals the budget. A share refers to the cost of the optimum for that mean
-        under the inequalities. `simulated_regret` of the returned rule has the mean and its standard error; `regret` is
-        tr(ΘE), an upper bound.
+        observations. The mean regret is tr(ΘE) less what the limits save, and E grows until it equals the budget. A share
+        refers to the cost of the optimum for that mean under the inequalities. `simulated_regret` of the returned rule has the
+        mean and its standard error; `regret` is tr(ΘE), an upper bound.
 
         Args:
-            draws: Number of means drawn, at least 2; every E uses the same draws.
+            draws: Number of means drawn, at least 3; every E uses the same draws.
             rng: Source of the draws. Their law is public, so a public seed reveals nothing.
 
         Raises:
@@ -287,20 +287,21 @@ class AlphaDecisionMaker:
             >>> round(found.simulated_regret.mean, 5), found.error > maker.error
             (0.0002, True)
         """
-        many, source = validation.count(draws, "draws", least=2), validation.generator(rng)
+        many, source = validation.count(draws, "draws", least=3), validation.generator(rng)
         if not self.problem.has_inequalities:
             raise InputError("the problem has no inequalities: its rule spends the budget as it is")
         centre, means = self._drawn(many, source)
         noise = source.integers(2**63)
-        regrets = regrets_of(self.problem, centre + means)
-        silent = mean_of(regrets(centre))
+        simulated = simulation(self.problem, centre + means)
+        silent = simulated(centre, self.silence_regret)
         target = self.budget.amount * (silent.mean if self.budget.is_relative else 1.0)
 
         def cost(limit: float) -> SimulatedRegret:
-            law = self._spending(limit).plan.law
+            plan = self._spending(limit).plan
+            law = plan.law
             if self.silence is not None and self.world is not None:
                 law = law_between(root_of(self.silence, self.moves.units), law.covariance)
-            return mean_of(regrets(centre + law.message(means, np.random.default_rng(noise))))
+            return simulated(centre + law.message(means, np.random.default_rng(noise)), plan.regret)
 
         limit, found = self.silence_regret, silent
         if target < silent.mean:

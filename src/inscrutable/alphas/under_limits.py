@@ -39,8 +39,12 @@ def drawn_means(prior: Array | FactorRisk, draws: int, rng: np.random.Generator)
     return np.asarray(common + np.sqrt(prior.specific) * rng.standard_normal(common.shape))
 
 
-def regrets_of(problem: AlphaProblem, means: Array) -> Callable[[Array], Array]:
-    """Return a function of estimates (T,k) that gives the regrets (T,) for means (T,k); it solves for the optima once."""
+def simulation(problem: AlphaProblem, means: Array) -> Callable[[Array, float], SimulatedRegret]:
+    """Return a function of estimates (T,k) and tr(ΘE) that gives their mean regret for means (T,k), at most tr(ΘE).
+
+    The control variate is (m̂ − m)'Θ(m̂ − m), whose mean is tr(ΘE) and which is the regret itself where no limit is reached. The
+    optima for the means are solved for once.
+    """
     alphas, gamma = problem.alphas(means), problem.risk_aversion
 
     def costs(estimates: Array) -> Array:
@@ -48,12 +52,16 @@ def regrets_of(problem: AlphaProblem, means: Array) -> Callable[[Array], Array]:
         return np.asarray(gamma * problem.risk.quadratic(actions.T) - (alphas * actions).sum(axis=1))
 
     least = costs(means)
-    return lambda estimates: costs(estimates) - least
 
+    def simulated(estimates: Array, most: float) -> SimulatedRegret:
+        regrets, errors = costs(estimates) - least, estimates - means
+        bounds = (errors * problem.theta_times(errors.T).T).sum(axis=1)
+        apart = bounds - bounds.mean()
+        slope = float(apart @ regrets) / max(float(apart @ apart), tolerances.TINY)
+        left = regrets - slope * (bounds - most)
+        return SimulatedRegret(min(float(left.mean()), most), float(left.std(ddof=2) / np.sqrt(len(left))))
 
-def mean_of(regrets: Array) -> SimulatedRegret:
-    """Return the mean of independent regrets (T,)."""
-    return SimulatedRegret(float(regrets.mean()), float(regrets.std(ddof=1) / np.sqrt(len(regrets))))
+    return simulated
 
 
 def spending(
@@ -62,7 +70,7 @@ def spending(
     """Return the limit on tr(ΘE) at which the simulated regret is the target, and that regret.
 
     Args:
-        cost: Function of the limit that returns the simulated regret, from the same draws at every limit.
+        cost: Function of the limit that returns the simulated regret, at most the limit, from the same draws at every limit.
         target: The regret to spend, above zero and below that of silence.
         most: tr(ΘE) of silence.
         at_most: The simulated regret of silence.
@@ -70,13 +78,14 @@ def spending(
     Raises:
         SolverError: The search found no limit that spends the target.
     """
-    low, high, below, above = 0.0, most, -target, at_most.mean - target
+    found = cost(target)
+    limit, low, high, below, above = target, target, most, found.mean - target, at_most.mean - target
     for _ in range(_MOST_LIMITS):
+        if abs(found.mean - target) <= tolerances.SIMULATED_SPENT * target:
+            return limit, found
         limit = low - below * (high - low) / (above - below)  # regula falsi, Illinois
         found = cost(limit)
         apart = found.mean - target
-        if abs(apart) <= tolerances.SIMULATED_SPENT * target:
-            return limit, found
         if apart > 0.0:
             high, above, below = limit, apart, below * 0.5
         else:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from inscrutable import validation
-from inscrutable.alphas import AlphaDecisionMaker, AlphaDraw
+from inscrutable import tolerances, validation
+from inscrutable.alphas import AlphaDecisionMaker, AlphaDraw, AlphaStatus
 from inscrutable.axes import Axis
 from inscrutable.datasets import crowded_months, missing_steps
 from inscrutable.errors import InputError
@@ -111,11 +111,13 @@ class ProtectedAlphas:
         maker = self.maker
         simulated, most = maker.simulated_regret, "at most " if maker.problem.has_inequalities else ""
         lines = [maker.summary()]
-        if simulated is not None:
-            lines.append(
-                "The limits make hiding cheaper, so the rule hides more: its simulated regret, "
-                f"{simulated.mean:.4g} ± {simulated.standard_error:.2g} per step, equals the budget."
-            )
+        saved = maker.regret - (0.0 if simulated is None else simulated.mean)
+        if simulated is not None and maker.status is not AlphaStatus.SILENT:
+            if saved > tolerances.SIMULATED_SPENT * maker.regret:
+                lines.append(
+                    "The limits make hiding cheaper, so the rule hides more: its simulated regret, "
+                    f"{simulated.mean:.4g} ± {simulated.standard_error:.2g} per step, equals the budget."
+                )
         elif most and not maker.has_long_run:
             lines.append(
                 "The limits make hiding cheaper, but the alphas have no stationary law: the budget is not spent in full."

@@ -190,3 +190,28 @@ def test_equalities_that_fix_the_decision_leave_nothing_to_reveal(count: int, fr
     np.testing.assert_allclose(problem.optimum(fresh_rng.normal(size=count)), sides, atol=1e-12)
     maker = AlphaDecisionMaker(problem, 0.5, prior_covariance=1e-4 * np.eye(count))
     np.testing.assert_allclose(maker.decide(fresh_rng.normal(size=count), rng=fresh_rng).action, sides, atol=1e-12)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e-3, 1e6])
+@pytest.mark.parametrize("kind", ["long-only", "loose caps", "caps", "a rest"])
+def test_the_unit_of_many_weights_changes_no_decision(unit: float, kind: str) -> None:
+    """Decisions over more than 60 assets with small weights were far from the best: their tolerances were absolute."""
+    rng = np.random.default_rng(0)
+    count = 150
+    risk = FactorRisk(0.05 * rng.normal(size=(count, 3)), np.eye(3), rng.uniform(0.001, 0.02, count))
+    means, whole, ones = 0.02 * rng.normal(size=count), np.eye(count), np.ones((1, count))
+    first = whole[:1]
+
+    def best(size: float) -> Any:
+        cap = size * np.ones(count)
+        limits = {
+            "long-only": Polyhedron(-whole, 0.0 * cap, ones, [size]),
+            "loose caps": Polyhedron(np.vstack([-whole, whole]), np.concatenate([0.0 * cap, 1e3 * cap]), ones, [size]),
+            "caps": Polyhedron(np.vstack([-whole, whole]), np.concatenate([cap, cap]), ones, [0.0]),
+            "a rest": Polyhedron(
+                np.vstack([-whole, first]), np.append(0.0 * cap, 0.0), ones, [size]
+            ),  # its row has no other
+        }
+        return AlphaProblem(risk, 2.5, limits[kind]).optimum(size * means) / size
+
+    np.testing.assert_allclose(best(unit), best(1.0), atol=1e-9)

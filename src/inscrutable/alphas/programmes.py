@@ -6,7 +6,7 @@ structure; on the active set the conditions of optimality are then solved direct
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,10 @@ from inscrutable.validation import Array
 
 _MOST_STEPS = 100
 _MOST_SETS = 30
+_MOST_UNITS = 4
+_FROM_UNIT = 1e3
+"""Factor between the largest weight and the unit, which is at first that of the limits, above which the weight gives the unit:
+weights of a hundred-thousandth of it were wrong."""
 _LOST = 1e12
 """Relative residual above which the iteration has diverged."""
 _TO_BORDER = 0.995
@@ -52,8 +56,23 @@ class RiskProgramme:
         fixed = layout.lower == layout.upper
         if fixed.any():
             return self._without(fixed).solved_with(alphas, fixed, layout.lower, self)
-        middle = self._middle
-        asked = np.abs(alphas).max(initial=0.0), 2.0 * self.risk_aversion * np.abs(self.risk.times(middle)).max()
+        unit = _unit_of(layout)
+        for _ in range(_MOST_UNITS):
+            u = unit * self._in_unit(unit)._minimiser(alphas / unit)
+            size = float(np.abs(u).max())
+            if size == 0.0 or unit <= _FROM_UNIT * size <= _FROM_UNIT**2 * unit:
+                break
+            unit = _power_of_two(size)
+        return u
+
+    def _in_unit(self, unit: float) -> RiskProgramme:
+        """Return the programme for decisions measured in a unit: its tolerances are absolute."""
+        rows = self.layout
+        limits = {name: getattr(rows, name) / unit for name in ("lower", "upper", "sides", "equality_sides")}
+        return replace(self, layout=replace(rows, **limits))
+
+    def _minimiser(self, alphas: Array) -> Array:
+        asked = np.abs(alphas).max(initial=0.0), 2.0 * self.risk_aversion * np.abs(self.risk.times(self._middle)).max()
         scale = float(max(*asked, tolerances.TINY))
         return self._on_active_set(alphas, self._interior(alphas, scale), scale)
 
@@ -254,6 +273,20 @@ class _Bounds(NamedTuple):
     def read(self, slope: Array, n_general: int) -> Array:
         """Return the multipliers of bounds for a gradient (n,) of the cost; zero for general rows."""
         return np.concatenate([slope[self.lower], -slope[self.upper], np.zeros(n_general)])
+
+
+def _unit_of(layout: Layout) -> float:
+    """Return the size of the largest limit on a weight; 1 where all are zero or infinite."""
+    rows, sides = np.vstack([layout.general, layout.equalities]), np.concatenate([layout.sides, layout.equality_sides])
+    sizes = np.abs(rows).max(axis=1, initial=0.0)
+    limits = np.abs(np.concatenate([layout.lower, layout.upper, sides[sizes > 0.0] / sizes[sizes > 0.0]]))
+    size = float(limits[np.isfinite(limits)].max(initial=0.0))
+    return _power_of_two(size) if size else 1.0
+
+
+def _power_of_two(size: float) -> float:
+    """Return the largest power of two up to a size: in such units limits do not round."""
+    return float(2.0 ** np.floor(np.log2(size)))
 
 
 def _bounds(layout: Layout) -> _Bounds:

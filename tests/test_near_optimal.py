@@ -323,3 +323,12 @@ def test_a_share_of_growth_explains_what_is_optimal_and_stakes_nothing_on_a_stat
     assert not found.is_empty
     assert found.contains(belief)
     assert found.distance(belief) == 0.0
+
+
+def test_a_rounded_stake_of_nothing_leaves_its_state_possible():
+    """Rounding then allows for ruin itself."""
+    problem = KellyProblem(2.0 * np.eye(2)[:, None, :], np.ones((2, 1)))
+    found = consistent_beliefs(problem, [0.0, 1.0], digits=1)
+    assert found.contains([0.03, 0.97])
+    assert found.bounds()[0, 1] >= 0.05
+    assert found.distance([0.03, 0.97]) == 0.0

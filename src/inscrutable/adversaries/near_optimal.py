@@ -171,10 +171,10 @@ class NearOptimalBeliefs:
     def _rows(self) -> tuple[Array, Array]:
         """Rows and offsets of the current outer polytope in the coordinates of `_basis` around the simplex's centre.
 
-        A state of ruin has probability 0: its cost, beside others in a row, would exceed what solvers resolve.
+        Where a state of ruin is less likely than solvers resolve beside its cost, its probability is 0.
         """
         centre = np.full(self.n_states, 1.0 / self.n_states)
-        ruined = self._own_costs >= self.problem.ruin_cost
+        ruined = _ruled_out(self.problem, self._own_costs, self._room)
         planes = np.where(ruined, 0.0, np.array(self._planes))
         scale = max(float(np.abs(planes).max()), self.regret, self.accuracy)
         normals = np.vstack([planes / scale, -np.eye(self.n_states), np.eye(self.n_states)[ruined]])
@@ -334,11 +334,16 @@ def near_optimal_beliefs(problem: DecisionProblem, action: ArrayLike, regret: fl
 
 def regret_accuracy(problem: DecisionProblem, action: Array, limit: float) -> float:
     """Return the error that is allowed in regrets of a decision (U,): relative to the limit and to its largest regret in a
-    single state, which a constant in the costs leaves as it is. States of ruin are left out."""
+    single state, which a constant in the costs leaves as it is. States that a limit far below ruin rules out are left out."""
     own = problem.state_costs(action)
     regrets = own - problem.optimal_cost(np.eye(problem.n_states))
-    apart = float(np.abs(regrets[own < problem.ruin_cost]).max(initial=0.0))
+    apart = float(np.abs(regrets[~_ruled_out(problem, own, limit)]).max(initial=0.0))
     return max(tolerances.NEAR_OPTIMAL * max(apart, limit), float(regret_rounding(problem, own)))
+
+
+def _ruled_out(problem: DecisionProblem, own: Array, limit: float) -> np.ndarray:
+    """Return which states (X,) have a cost of ruin far above the limit, so that members leave them no probability."""
+    return (own >= problem.ruin_cost) & (limit <= tolerances.LEAST_MEMBER_DEPTH * problem.ruin_cost)
 
 
 def regret_rounding(problem: DecisionProblem, costs: Array) -> Array:

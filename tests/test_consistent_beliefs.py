@@ -402,6 +402,39 @@ def test_a_looser_tolerance_explains_more():
     assert loose.distance([0.3, 0.7]) < 1e-3
 
 
+@pytest.mark.parametrize("tolerance", [1e-7, 1e-5, 1e-3, 1e-1])
+@pytest.mark.parametrize("n_states", [2, 3, 4, 5])
+def test_a_set_with_a_tolerance_is_that_of_its_rows(n_states, tolerance):
+    rng = np.random.default_rng([n_states, round(1 / tolerance)])
+    sizes, kinds = np.eye(n_states), set()
+    for _ in range(instances(40, least=20)):
+        width = int(rng.integers(2, 6))
+        spreads = rng.normal(size=(n_states, width, 2 * width))
+        problem = MarkowitzProblem(rng.normal(size=(n_states, width)), spreads @ spreads.transpose(0, 2, 1), 1.0)
+        belief = rng.dirichlet(np.ones(n_states))
+        shares = np.maximum(problem.solve(belief) + rng.choice([0.0, 0.1, 1.0]) * tolerance * rng.normal(size=width), 0)
+        found = consistent_beliefs(problem, shares / shares.sum(), tolerance=tolerance)
+        rows = np.vstack([found.equalities, -found.equalities, -found.inequalities]) / tolerance
+
+        def least(direction, rows=rows):
+            return linprog(direction, rows, np.ones(len(rows)), np.ones((1, n_states)), [1.0], bounds=(0, None))
+
+        kinds.add(found.is_empty)
+        assert found.is_empty == (found.residual > tolerance)
+        if least(sizes[0]).status != 0:
+            assert found.is_empty
+            continue
+        ends = np.array([[least(size).fun, -least(-size).fun] for size in sizes])
+        np.testing.assert_allclose(found.bounds(), ends, atol=AGREEMENT)
+        assert found.dimension == n_states - 1  # a tolerance leaves every direction open
+        assert found.holds_another(belief)
+        drawn = found.sample(20, rng=rng)
+        assert found.violation(drawn).max() <= tolerance + 1e-9
+        assert found.distance(drawn[0]) == pytest.approx(0, abs=1e-8)
+        assert found.residual <= found.violation(drawn).min() + 1e-9
+    assert False in kinds
+
+
 @pytest.mark.parametrize("digits", [1, 2, 3])
 def test_rounded_portfolios_under_a_cap_are_read(digits, fresh_rng):
     """Rounded decisions that keep the cap, and need not reach it, are explained by the belief that made them."""

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.axes import Axis, Names
 from inscrutable.errors import InputError, SolverError
-from inscrutable.geometry.hulls import affine_hulls, described_sets, members_of_sets
+from inscrutable.geometry.hulls import affine_hulls, described_sets, members_of_sets, sum_zero_basis
 from inscrutable.geometry.polytopes import (
     Reduced,
     nearest_in_hull,
@@ -37,7 +37,8 @@ class BeliefSet(Saved):
     Args:
         equalities: P, shape (k, X), dimensionless.
         inequalities: Q, shape (m, X), dimensionless.
-        tolerance: Largest residual of a belief that counts as a member.
+        tolerance: Largest residual of a belief that counts as a member. Up to 1e-9 the equalities hold exactly in every
+            direction that they determine; above it the set has width in all directions.
         gap: Function of a margin that returns the plausibility gap; a gap above the margin need not be exact.
         state_names: Labels of the states, with which labelled beliefs are aligned; None where there are none.
 
@@ -88,8 +89,15 @@ class BeliefSet(Saved):
         """Number of states X."""
         return int(self.equalities.shape[1])
 
+    @property
+    def _is_loose(self) -> bool:
+        """Whether members may miss the rows by more than counts as zero, so that no equality determines a coordinate."""
+        return self.tolerance > tolerances.ON_FACE
+
     @cached_property
     def _shape(self) -> Reduced | None:
+        if self._is_loose:
+            return self._within_tolerance()
         dimensions, ends = described_sets(self.equalities[None], self.inequalities[None], self.tolerance)
         dimension = int(dimensions[0])
         if dimension < 0:
@@ -111,6 +119,14 @@ class BeliefSet(Saved):
             offsets = np.concatenate([offsets, [bands[axis, 1], -bands[axis, 0]]])
         return reduce_polytope(origin, directions, rows, offsets, solid=bool(verdict[0] > 0))
 
+    def _within_tolerance(self) -> Reduced | None:
+        """Return {π ∈ Δ : |P π| ≤ tolerance, Q π ≥ −tolerance} from its rows."""
+        origin, directions = np.full(self.n_states, 1.0 / self.n_states), sum_zero_basis(self.n_states).T
+        limited = np.vstack([self.equalities, -self.equalities, -self.inequalities])
+        rows = np.vstack([limited, -np.eye(self.n_states)])
+        most = np.concatenate([np.full(len(limited), self.tolerance), np.zeros(self.n_states)])
+        return reduce_polytope(origin, directions, rows @ directions.T, most - rows @ origin)
+
     @cached_property
     def _even_corners(self) -> Array:
         """Return the corners (V,X) computed in separate units per state where costs differ by decades; otherwise none.
@@ -120,7 +136,11 @@ class BeliefSet(Saved):
         """
         sizes = np.abs(np.vstack([self.equalities, self.inequalities])).max(axis=0, initial=0.0)
         units = np.where(sizes > tolerances.ON_FACE, sizes, sizes.max(initial=0.0))
-        if self.n_states - 1 > _MOST_LISTED or (units >= tolerances.UNEVEN * units.max(initial=0.0)).all():
+        if (
+            self._is_loose
+            or self.n_states - 1 > _MOST_LISTED
+            or (units >= tolerances.UNEVEN * units.max(initial=0.0)).all()
+        ):
             return np.zeros((0, self.n_states))
         corners = BeliefSet(self.equalities / units, self.inequalities / units, self.tolerance).vertices() / units
         return np.asarray(corners / corners.sum(axis=1, keepdims=True))
@@ -138,7 +158,7 @@ class BeliefSet(Saved):
     @cached_property
     def residual(self) -> float:
         """Smallest KKT residual over all beliefs: largest coordinate, relative to the gradient's scale."""
-        if self._shape is not None:
+        if self._shape is not None and not self._is_loose:
             return float(self.violation(self._shape.interior_point))
         return smallest_violation(self.equalities, self.inequalities)
 

@@ -343,6 +343,18 @@ def test_many_secrets_are_judged_together() -> None:
     assert found.secrets[0].error_limit >= alone.error_limit
 
 
+@pytest.mark.usefixtures("without_sources")
+def test_limits_of_more_than_fifty_secrets_lie_above_their_errors() -> None:
+    rng = np.random.default_rng(1)
+    secrets = rng.normal(size=(60, 51))
+    frame = audit_pairs(secrets, secrets[:, :1] + 0.1 * rng.normal(size=(60, 1)), shifts=19).frame()
+    assert (frame["error_limit"] > frame["error"]).all()
+    losses = rng.exponential(size=200)
+    limits = [mean_limit(losses, 1.0 - 0.05 / count, np.random.default_rng(2)) for count in (1, 10, 51, 400)]
+    assert losses.mean() < limits[0]
+    assert sorted(limits) == limits
+
+
 def test_labels_join_rows_and_the_order_of_columns_changes_nothing() -> None:
     secrets, published = leaking()
     expected = audited_leak()

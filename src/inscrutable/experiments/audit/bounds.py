@@ -8,6 +8,10 @@ from scipy import optimize, special
 from inscrutable.validation import Array
 
 _REPLICATES = 999
+_LEAST_TAIL = 10
+"""Samples that are expected beyond the level of a limit: many secrets together have a level near one."""
+_MOST_AT_ONCE = 2**22
+"""Drawn blocks that are held in memory at once."""
 _LEAST_BLOCKS = 10
 _QUIET_LAGS = 5
 """Number of successive insignificant autocorrelations that end the memory of a series."""
@@ -80,13 +84,23 @@ def mean_limit(series: Array, level: float, rng: np.random.Generator) -> float:
     spread = float(np.sqrt(((means - centre) ** 2).mean() / n_blocks))
     if not spread > 0:
         return centre
-    drawn = means[rng.integers(rows, size=(_REPLICATES, n_blocks))]
-    error = drawn.std(axis=1, ddof=1) / np.sqrt(n_blocks)
+    count = max(_REPLICATES, _LEAST_TAIL * int(np.ceil(1.0 / (1.0 - level))) - 1)
+    most = max(_MOST_AT_ONCE // n_blocks, 1)
+    parts = [
+        _deviations(means[rng.integers(rows, size=(min(most, count - first), n_blocks))], centre)
+        for first in range(0, count, most)
+    ]
+    # An order statistic, not an interpolation: samples that do not vary are infinite.
+    place = max(int(np.floor((1.0 - level) * (count + 1))) - 1, 0)
+    return centre - float(np.partition(np.concatenate(parts), place)[place]) * spread
+
+
+def _deviations(drawn: Array, centre: float) -> Array:
+    """Return (mean* − mean)/s* of samples of blocks (R,n), 0 for a sample that is the mean throughout."""
+    error = drawn.std(axis=1, ddof=1) / np.sqrt(drawn.shape[1])
     with np.errstate(divide="ignore", invalid="ignore"):
         deviation = (drawn.mean(axis=1) - centre) / error
-    deviation = np.sort(np.where(np.isnan(deviation), 0.0, deviation))
-    # An order statistic, not an interpolation: samples that do not vary are infinite.
-    return centre - float(deviation[int(np.floor((1.0 - level) * (_REPLICATES + 1))) - 1]) * spread
+    return np.where(np.isnan(deviation), 0.0, deviation)
 
 
 def ratio_limit(series: Array, base: Array, level: float, rng: np.random.Generator) -> float:

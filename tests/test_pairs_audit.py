@@ -368,6 +368,26 @@ def test_labels_join_rows_and_the_order_of_columns_changes_nothing() -> None:
         audit_pairs(secrets, published.iloc[::-1])
 
 
+@pytest.mark.usefixtures("without_sources")
+def test_labels_that_are_whole_numbers_join_rows_too() -> None:
+    rng = np.random.default_rng(1)
+    secret = pd.Series(rng.normal(size=201), name="signal")
+    shown = pd.DataFrame({"A": secret + 0.1 * rng.normal(size=201)})
+    later = audit_pairs(secret[:-1], shown[1:], shifts=19)
+    assert later.is_found
+    assert later.n_rows == 199
+    assert "1 of 200 rows of secrets have no partner, such as 0" in later.summary()
+    expected = audit_pairs(secret, shown, shifts=19).frame()
+    assert audit_pairs(secret[::-1], shown, shifts=19).frame().equals(expected)
+    with pytest.raises(InputError, match="expected rows in order of time"):
+        audit_pairs(secret, shown[::-1], shifts=19)
+    # An array has no labels.
+    for hidden, seen in ((secret[1:].to_numpy(), shown[1:]), (secret[1:], shown[1:].to_numpy())):
+        by_place = audit_pairs(hidden, seen, shifts=19)
+        assert by_place.is_found
+        assert by_place.n_rows == 200
+
+
 def test_treatments_are_said() -> None:
     secrets, published = leaking()
     published["Cash"] = 0.1

@@ -53,7 +53,8 @@ def paired(secrets: Any, published: Any, lags: Sequence[int], kind: Kind | None)
     hidden, shown = _table(secrets, "secrets"), _table(published, "published")
     notes: list[str] = []
     lags = tuple(lags)
-    hidden, shown, both = _aligned(hidden, shown, lags, notes)
+    by_place = _joined_by_place((secrets, published), (hidden, shown))
+    hidden, shown, both = _joined_in_order(hidden, shown) if by_place else _aligned(hidden, shown, lags, notes)
     decisions = _decisions(shown, notes)
     # Sort columns by name, so that their order has no effect.
     decisions = decisions[sorted(decisions.columns, key=str)]
@@ -118,6 +119,28 @@ def _table(value: Any, name: str) -> pd.DataFrame:
     return table.infer_objects()
 
 
+def _joined_by_place(given: Sequence[Any], tables: Sequence[pd.DataFrame]) -> bool:
+    """Return whether rows are joined by place: a table is an array, or both count rows from 0, or one does and the other has
+    labels of another type."""
+    if not all(isinstance(each, (pd.DataFrame, pd.Series)) for each in given):
+        return True
+    bare = [_counts_rows(table) for table in tables]
+    return all(bare) or (any(bare) and any(table.index.inferred_type != "integer" for table in tables))
+
+
+def _counts_rows(table: pd.DataFrame) -> bool:
+    return bool(table.index.equals(pd.RangeIndex(len(table))))
+
+
+def _joined_in_order(hidden: pd.DataFrame, shown: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, Any]:
+    if len(hidden) != len(shown):
+        raise InputError(
+            f"secrets have {len(hidden)} rows, published {len(shown)}: expected as many, or labels such as dates on both"
+        )
+    index = hidden.index if _counts_rows(shown) else shown.index
+    return hidden.set_axis(index), shown.set_axis(index), np.ones(len(index), dtype=bool)
+
+
 def _aligned(
     hidden: pd.DataFrame, shown: pd.DataFrame, lags: Sequence[int], notes: list[str]
 ) -> tuple[pd.DataFrame, pd.DataFrame, Any]:
@@ -126,14 +149,6 @@ def _aligned(
     Lags count these rows, so that a row without a partner does not move the others. Labels that have no order, such as names,
     leave the rows of `published`.
     """
-    bare = [table.index.equals(pd.RangeIndex(len(table))) for table in (hidden, shown)]
-    if any(bare):
-        if len(hidden) != len(shown):
-            raise InputError(
-                f"secrets have {len(hidden)} rows, published {len(shown)}: expected as many, or labels such as dates on both"
-            )
-        index = hidden.index if bare[1] else shown.index
-        return hidden.set_axis(index), shown.set_axis(index), np.ones(len(index), dtype=bool)
     # The order of time is that of comparable labels; other labels must have the same order in both tables.
     ordered = all(type(label) is not str for label in shown.index)
     if ordered and not shown.index.is_monotonic_increasing:

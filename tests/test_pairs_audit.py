@@ -563,6 +563,23 @@ def test_an_autocorrelated_secret_is_worth_few_rows_and_says_so(fresh_rng: np.ra
 
 
 @pytest.mark.usefixtures("without_sources")
+def test_a_secret_that_repeats_cannot_be_tested_and_says_so() -> None:
+    """Shifts by whole periods explain as much as the secret itself, so that no leak is found."""
+    rng = np.random.default_rng(0)
+    for secret in (np.tile(rng.normal(size=12), 20), 0.1 + 0.2 * (np.arange(240) % 2), np.arange(240) % 3):
+        told = np.column_stack([secret, rng.normal(size=240)])
+        found = audit_pairs(secret, told)
+        assert not found.is_found
+        assert found.secrets[0].detectable == 1.0
+        assert "secrets repeats itself" in found.summary()
+        assert "The power is at most about 80%" in found.summary()
+    both = audit_pairs(np.column_stack([secret, rng.normal(size=240)]), told, shifts=19)
+    assert both.secrets[1].detectable < 1.0
+    assert "secrets 1 repeats itself" in both.summary()
+    assert "secrets 2 repeats itself" not in both.summary()
+
+
+@pytest.mark.usefixtures("without_sources")
 def test_heavy_tails_are_said(fresh_rng: np.random.Generator) -> None:
     shown, drawn = fresh_rng.normal(size=(300, 2)), fresh_rng.random(300)
     (note,) = audit_pairs(drawn**-3.0, shown, shifts=19).notes

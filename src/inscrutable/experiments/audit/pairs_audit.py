@@ -31,6 +31,10 @@ _FORGOTTEN = math.exp(-1.0)
 """Autocorrelation of a secret below which rows count as independent."""
 _LEAST_KNOWN = 3
 """Least number of training rows of the first predicted block, which only serves to choose a learner."""
+_REPEATS = (
+    "{name} repeats itself, so that more than one in twenty shifts leave it as it is: the test cannot find a leak of it, "
+    "however large"
+)
 _ALONE = ("ridge, penalty 0.01", "tree")
 """Learners for single columns."""
 
@@ -56,7 +60,8 @@ def audit_pairs(
 
     Args:
         secrets: One or more columns, (T,) or (T,S): numbers, or classes (text, truth values, whole numbers of at most ten
-            values). Labels such as dates join the rows; without labels, both tables need the same number of rows.
+            values). Labels such as dates join the rows, as do whole numbers unless both tables count rows from 0; an array has
+            no labels, and both tables then need the same number of rows.
         published: Decisions, (T,U): numbers, or choices in words.
         lags: Rows from the secret to its decision: 0 the same row, 1 the next one, −1 the one before, counting the rows of
             both tables in order of time.
@@ -100,6 +105,8 @@ def audit_pairs(
     streams = dict(zip(sorted(each.name for each in pairs.targets), source.spawn(len(pairs.targets)), strict=True))
     runs = [learn_forward(pairs.features, each.values, draw, apart, makers) for each in pairs.targets]
     p_values, detectable = _judged(np.stack([run.explained() for run in runs]))
+    repeats = np.array([_repeats(each, draw) for each in pairs.targets])
+    detectable = np.where(repeats, 1.0, detectable)
     level = 1.0 - (1.0 - LEVEL) / len(runs)
     found = [
         _finding(pairs, target, run, judged, apart, level, streams[target.name])
@@ -109,6 +116,7 @@ def audit_pairs(
     notes = (
         *pairs.notes,
         *_before(asked),
+        *(_REPEATS.format(name=each.name) for each, again in zip(pairs.targets, repeats, strict=True) if again),
         *(note for each in pairs.targets for note in _few_independent(each, judged)),
         *(note for each in pairs.targets for note in _heavy_tailed(each)),
     )
@@ -123,6 +131,14 @@ def _before(lags: tuple[int, ...]) -> list[str]:
         f"at lag {lags[0]} the decision stands before its secret: what is found there is no leak, unless the secret was known "
         "earlier than its row says"
     ]
+
+
+def _repeats(target: Target, draw: np.ndarray) -> bool:
+    """Return whether so many shifts leave the secret as it is, but for rounding, that no p-value is significant."""
+    values = target.values
+    rounding = tolerances.CONSTANT_COLUMN * np.abs(values).max()
+    same = [bool((np.abs(np.roll(values, int(shift), axis=0) - values) <= rounding).all()) for shift in draw]
+    return float(np.mean(same)) > 1.0 - LEVEL + tolerances.BELIEF_SUM
 
 
 def _few_independent(target: Target, judged: int) -> list[str]:

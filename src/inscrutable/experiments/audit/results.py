@@ -106,11 +106,12 @@ class SecretAudit(Saved):
     def summary(self) -> str:
         """Return what may be claimed about this secret, in a few lines."""
         if not self.is_found:
+            power = f"The power is about {POWER:.0%} for a leak that explains {self.detectable:.1%} of it"
+            if self.detectable >= 1.0:
+                power = f"The power is at most about {POWER:.0%}, however much of it a leak explains"
             return (
-                f"{self.name}: nothing found (p = {self.p_value:.2g}). The power is about {POWER:.0%} for a leak that explains "
-                f"{_percent(self.detectable)} of it, if these learners can learn it and all rows leak alike; it is less for a "
-                "leak in few rows.\n"
-                f"  {self._errors()}"
+                f"{self.name}: nothing found (p = {self.p_value:.2g}). {power}, if these learners can learn it and all rows "
+                f"leak alike; it is less for a leak in few rows.\n  {self._errors()}"
             )
         told = self.telling()
         names = [f"{each.name} ({each.explained:.0%})" for each in told if each.kind == "column"]
@@ -136,10 +137,6 @@ class SecretAudit(Saved):
             f"root mean square), without decisions {self.guess_error:.4g}: "
             + (f"R² at least {least:.1%}" if least > 0.0 else "so no part of it is sure to be explained")
         )
-
-
-def _percent(share: float) -> str:
-    return "all" if share >= 1.0 else f"{share:.1%}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -235,6 +235,17 @@ def test_learners_depend_on_no_unit_of_the_secret(unit: float) -> None:
         np.testing.assert_allclose(fitted(unit * secret[:, None]) / unit, fitted(secret[:, None]), err_msg=name)
 
 
+@pytest.mark.parametrize("offset", [-3e7, 1e4, 1e10])
+def test_learners_depend_on_no_offset_of_the_secret(offset: float) -> None:
+    rng = np.random.default_rng(3)
+    known, read = rng.normal(size=(200, 3)), rng.normal(size=(40, 3))
+    secret = np.abs(known[:, :1]) + rng.normal(size=(200, 1))
+    for name, learn in learners().items():
+        fitted = learn(known, read)
+        moved = fitted(secret[:, None] + offset) - offset
+        np.testing.assert_allclose(moved, fitted(secret[:, None]), atol=1e-15 * abs(offset) * 100, err_msg=name)
+
+
 def test_shifts_learned_together_are_those_learned_alone(fresh_rng: np.random.Generator) -> None:
     features, targets = fresh_rng.normal(size=(120, 2)), np.eye(2)[fresh_rng.integers(2, size=120)]
     together = learn_forward(features, targets, np.array([0, 31]), 3, learners())

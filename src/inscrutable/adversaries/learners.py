@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable import validation
+from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
 from inscrutable.validation import Array
 
@@ -96,7 +96,8 @@ def _tree(known: Array, read: Array) -> Fitted:
 
     # Trees compute in single precision, and so does this: otherwise the same number could fall on either side of a split. They
     # take numbers within 1e-7 for equal, so decisions come in units of their spread; and a variance of 2e-16 for none, so
-    # targets come in units of a power of two near their spread, which rounds nothing.
+    # targets come in units of a power of two near their spread, which rounds nothing. They compute variances as differences of
+    # squares, so whole thousands of units near the mean are taken off.
     scaled = _standardised(known[-_MOST_ROWS:], read)
     points, queries = (np.ascontiguousarray(part, dtype=np.float32) for part in scaled)
     leaf = max(_LEAST_LEAF, int(_LEAST_LEAF_SHARE * len(points)))
@@ -107,8 +108,10 @@ def _tree(known: Array, read: Array) -> Fitted:
         for s in range(targets.shape[1]):
             tree = DecisionTreeRegressor(min_samples_leaf=leaf, max_leaf_nodes=_MOST_LEAVES, random_state=0)
             unit = np.ldexp(1.0, np.frexp(latest[:, s].std())[1])
-            tree.fit(points, latest[:, s] / unit, check_input=False)
-            found[:, s] = unit * tree.predict(queries, check_input=False).reshape(len(queries), -1)
+            step = tolerances.COMMON_COST * unit
+            centre = step * np.round(latest[:, s].mean(axis=0) / step)
+            tree.fit(points, (latest[:, s] - centre) / unit, check_input=False)
+            found[:, s] = centre + unit * tree.predict(queries, check_input=False).reshape(len(queries), -1)
         return found
 
     return predict

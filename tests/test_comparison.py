@@ -19,6 +19,7 @@ from inscrutable import (
     CoinDecisionMaker,
     FiniteProblem,
     InputError,
+    KeptDecisionMaker,
     MarkowitzProblem,
     Mechanism,
     Prior,
@@ -367,6 +368,16 @@ def test_calibration_comes_to_the_target_from_below_or_says_why_not(family, ends
     assert found.regret == pytest.approx(spent, rel=1e-6)
     assert found.regret <= 0.1 or status == "ALL_DEARER"
     assert found.n_trials <= 80
+
+
+def test_a_rule_that_draws_and_keeps_is_calibrated_along_a_path() -> None:
+    problem, path = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), np.random.default_rng(0).dirichlet(np.ones(2), 50)
+    kept, plain = (
+        calibrate(lambda p, wrap=wrap: wrap(CoinDecisionMaker(problem, p)), 0.1, path, 0.0, 1.0)
+        for wrap in (KeptDecisionMaker, lambda maker: maker)
+    )
+    assert kept.status.name == "REACHED"
+    assert kept.parameter == pytest.approx(plain.parameter, rel=1e-5)
 
 
 def test_a_maker_of_ones_own_is_one_entry(market: tuple[MarkowitzProblem, Prior]) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
+from inscrutable.decision_makers.results import expected
 from inscrutable.errors import InputError
 from inscrutable.geometry.crossings import Bracket, narrowed
 from inscrutable.mechanisms import Prior, mechanism
@@ -171,7 +172,9 @@ def expected_regret(decision_maker: Any, prior: Prior | ArrayLike) -> float:
         raise InputError(
             f"{type(decision_maker).__name__} depends on earlier decisions: give a path of beliefs (T,X), not a prior"
         )
-    return float(np.mean(decision_maker.decide_many(prior).regret))
+    decided = decision_maker.decide_many(prior)
+    draws = hasattr(decided, "probabilities")
+    return float(np.mean(expected(decided.probabilities, decided.regrets) if draws else decided.regret))
 
 
 class _Trial(NamedTuple):

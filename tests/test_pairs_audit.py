@@ -491,6 +491,12 @@ def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         audit_pairs(COUNTED, COUNTED)
 
 
+def test_classes_that_are_long_whole_numbers_keep_their_digits() -> None:
+    for names in (("20240101", "20240102"), ("1.0000001", "1.0000002")):
+        ids = np.where(COUNTED == 1, *map(float, names))
+        assert audit_pairs(ids, COUNTED, kind="classes", shifts=19).secrets[0].classes == names
+
+
 # ---- files and the command -------------------------------------------------------------------------
 
 

@@ -229,7 +229,8 @@ def _target(column: pd.Series, kind: Kind | None, notes: list[str]) -> Target:
             f"{_MOST_CHOICES}"
         )
     indicators = (np.asarray(values)[:, None] == distinct[None]).astype(np.float64)
-    return Target(name, "classes", tuple(f"{each:g}" if numeric else str(each) for each in distinct), indicators)
+    names = (np.format_float_positional(each, trim="-") if numeric else str(each) for each in distinct)
+    return Target(name, "classes", tuple(names), indicators)
 
 
 def _finite(column: pd.Series, table: str, name: Any) -> pd.Series:

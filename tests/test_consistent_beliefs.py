@@ -20,6 +20,7 @@ from inscrutable import (
     with_transaction_costs,
 )
 from inscrutable.adversaries import consistent_sets
+from inscrutable.geometry import BeliefSet
 from oracles import consistent
 from sizes import instances
 from strategies import (
@@ -433,6 +434,17 @@ def test_a_set_with_a_tolerance_is_that_of_its_rows(n_states, tolerance):
         assert found.distance(drawn[0]) == pytest.approx(0, abs=1e-8)
         assert found.residual <= found.violation(drawn).min() + 1e-9
     assert False in kinds
+
+
+@pytest.mark.parametrize("tolerance", [1e-8, 1e-7, 1e-3])
+def test_samples_of_a_thin_set_are_uniform(tolerance):
+    """The set is {π : |π_i − 1/5| ≤ tolerance for three i}, in which these three are independent and uniform."""
+    found = BeliefSet(np.eye(5)[:3] - 0.2, np.zeros((0, 5)), tolerance)
+    drawn = found.sample(4000, rng=np.random.default_rng(0))
+    assert found.violation(drawn).max() <= tolerance + 1e-9
+    apart = (drawn[:, :3] - 0.2) / tolerance
+    np.testing.assert_allclose(apart.mean(axis=0), 0.0, atol=0.05 + 1e-9 / tolerance)
+    np.testing.assert_allclose((apart**2).mean(axis=0), 1 / 3, atol=0.03 + 1e-9 / tolerance)
 
 
 @pytest.mark.parametrize("digits", [1, 2, 3])

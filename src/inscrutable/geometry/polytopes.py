@@ -202,8 +202,10 @@ def sample_polytope(polytope: Reduced, n: int, rng: np.random.Generator) -> Arra
         simplices = np.arange(dimension + 1)[None]
         weights = np.ones(1)
     else:
-        simplices = Delaunay(corners, qhull_options="QJ").simplices
-        edges = corners[simplices[:, 1:]] - corners[simplices[:, :1]]
+        # Of equal width in all directions: thin polytopes cannot be divided, and shares of volume stay as they are.
+        even = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)[0]
+        simplices = Delaunay(even, qhull_options="QJ").simplices
+        edges = even[simplices[:, 1:]] - even[simplices[:, :1]]
         weights = np.abs(np.linalg.det(edges))
     chosen = rng.choice(len(simplices), size=n, p=weights / weights.sum())
     mix = rng.dirichlet(np.ones(dimension + 1), size=n)

@@ -399,11 +399,12 @@ def cautions(result: Backtest) -> list[str]:
         said.append(
             f"{name} informs the aware observer better than no protection: error {' instead of '.join(errors)}."
         )
+    naming = Requirement(0.0, figures[odm]["base_rate"])  # the error without decisions may not be known
     for name in hiding:
         named = figures[name]["share_regime_named"]
-        if opposite := _asked(result).opposite(named, result.regimes):
+        if opposite := naming.opposite(named, result.regimes):
             said.append(f"{name}: {opposite}")
-        elif result.aware is None and named > Requirement(0.0, figures[odm]["base_rate"]).most_named:
+        elif result.aware is None and named > naming.most_named:
             said.append(
                 f"{name}: the likeliest regime is hardly hidden: named in {_share(named)} instead of {_share(optimal)}."
             )

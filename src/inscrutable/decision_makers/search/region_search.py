@@ -1,7 +1,7 @@
 """The best decisions of many beliefs, each searched independently, from critical region to critical region.
 
-A search starts at the best candidates of every region and orthant, and at the ends of the budget on the rays to candidates
-beyond it.
+A search starts at the best candidates of every region and orthant, and in every orthant where the budget about ends on the ray
+to a candidate beyond it.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from functools import cache, cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
+from scipy.fft import dct
 
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
@@ -19,8 +20,6 @@ from inscrutable.decision_makers.candidate_sources import decided_by
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.results import Progress
 from inscrutable.decision_makers.search.partition import Partition, face_programme
-from inscrutable.decision_makers.search.rays import reach_in_simplex
-from inscrutable.geometry.crossings import farthest
 from inscrutable.geometry.equal_rows import distinct_patterns
 from inscrutable.geometry.hulls import LARGER, sum_zero_basis
 from inscrutable.geometry.low_discrepancy import simplex_cover
@@ -46,14 +45,17 @@ from inscrutable.validation import Array
 
 _ON_EDGE = 50
 """Beliefs on an edge of the simplex; with 12, 2 of 40 lotteries over six states and three assets lose 28 %."""
-_ENOUGH = 1000
-"""Candidates to start from: with only the 66 of a grid of tenths, 1 of 60 decisions over three states loses 70 %."""
+_ENOUGH, _ENOUGH_SPARSE = 1000, 5000
+"""Candidates to start from, and for each state from five on: with only the 66 of a grid of tenths, 1 of 60 decisions over
+three states loses 70 %. Without the second number, two of 600 over five states lose up to 5 %; with it a first decision over
+six takes .1 s longer."""
 _BLOCK = 1024  # beliefs whose searches are kept in memory at once
 _CHUNK = 4  # beliefs that a thread takes at a time; with 1 or 16 on two cores no difference shows in the noise
-_STARTS, _SIGNS = 60, 7  # candidates that a search starts from; directions whose signs make an orthant
+_STARTS, _SIGNS = 60, 8  # candidates that a search starts from; directions whose signs make an orthant
 """With 12 starts, one of 72 beliefs over six states loses 44 %; with three directions, 9 of 144 beliefs over five and six
-states with as many assets or fewer lose up to 37 %. With 24 and five, 3 of 1,176 over five to eight states lose up to 5.7 %;
-they take a tenth to a third less time from seven states on, and as long over three and four."""
+states with as many assets or fewer lose up to 37 %. With orthonormal directions alone, a default grid's 5,000 candidates and
+starts that were first moved onto the budget, 12 of 1,340 decisions and lotteries over five to eight states in concentrated
+markets lose up to 21 %, and four gain up to 2 %; of 810 over two to four none differs."""
 _MOST_REACHED, _MOST_TRIED = 64, 1024
 """Regions that a search keeps, and that it may climb. With 16, one of 240 decisions in concentrated markets loses 22 %; with
 128 two lose up to 1.6 %, none faster; others do not change."""
@@ -73,8 +75,6 @@ as many assets or fewer 42 lose up to 50 %. They take a third to two thirds of t
 decisions none and of as many lotteries seven lose, up to .7 %, a quarter to two thirds. Under trading costs none is
 skipped either: of 1,920 decisions and as many lotteries over two and three states 26 gain, up to 23 %, and one loses .2 %, in
 1.1 times the time."""
-_SPARED = 0.02
-"""Share of the budget's root that is not spent on a ray, whose end is only a start."""
 _PATIENCE, _LEAST_PATIENCE = 16, 8
 """Regions, for each state above two, whose neighbours are searched in vain before a search ends. Over four to six states and in
 concentrated markets, 10 of 1,752 decisions lose up to 33 % with 4, and 67 lotteries up to 23 %; with 10 no decision does, and 8
@@ -112,7 +112,8 @@ class SearchSpace:
         decoys = sets.start if candidates.decoys is None else candidates.decoys
         self.actions = variables[chosen]
         self.patterns, region = distinct_patterns(quadratic.constraints.tight_rows(self.actions))
-        self.axes = _seen_directions(quadratic)
+        seen = _seen_directions(quadratic)
+        self.n_seen, self.axes = seen.shape[1], _in_more_directions(seen)
         self.partition = Partition(self.problem)
         self.partition.numbers(self.patterns)
         self.table = Table(
@@ -189,21 +190,31 @@ class SearchSpace:
 
 
 def _seen_directions(problem: QuadraticProblem) -> Array:
-    """Orthonormal directions (X,A) of beliefs that decisions identify: where states cost alike some are not identified."""
+    """Orthonormal directions (X,D) of beliefs that decisions identify: where states cost alike some are not identified."""
     curves = face_programme(problem, np.zeros(len(problem.constraints.b_ub), dtype=bool)).curves[:, :-1]
     basis = sum_zero_basis(problem.n_states)
     directions, sizes, _ = np.linalg.svd(basis.T @ curves.reshape(len(curves), -1), full_matrices=False)
     seen = sizes > tolerances.RANK * max(float(sizes.max(initial=0.0)), float(np.abs(problem.linear).max()))
-    return np.array(basis if seen.sum() == basis.shape[1] else basis @ directions[:, seen], order="C")
+    return np.asarray(basis if seen.sum() == basis.shape[1] else basis @ directions[:, seen])
+
+
+def _in_more_directions(seen: Array) -> Array:
+    """Directions (X,A) in which distances are those in orthonormal ones (X,D), at least as many as make an orthant.
+
+    They are combinations of these by rows of an orthogonal matrix, that of the discrete cosine transform.
+    """
+    count = seen.shape[1]
+    return np.array(seen @ dct(np.eye(max(count, _SIGNS)), axis=0, norm="ortho")[:count], order="C")
 
 
 def space_of(problem: DecisionProblem, candidates: Candidates) -> SearchSpace:
     """Return the space of candidates, made at first use and kept with them; where these are few, decoys of a grid are added."""
 
     def made() -> SearchSpace:
-        if len(candidates) >= _ENOUGH:
+        enough = max(_ENOUGH, _ENOUGH_SPARSE * (problem.n_states - 3))
+        if len(candidates) >= enough:
             return SearchSpace(problem, candidates)
-        return SearchSpace(problem, candidates.joined(decided_by(problem, simplex_cover(problem.n_states, _ENOUGH))))
+        return SearchSpace(problem, candidates.joined(decided_by(problem, simplex_cover(problem.n_states, enough))))
 
     return candidates.once("space", made)
 
@@ -355,7 +366,7 @@ def starts_of(space: SearchSpace, aims: Aims, n_starts: int, others: list[SomeSt
     parts = [starts_in(steps, space.table.region[index], space.table.decoys[index], space.actions[index])]
     parts += _end_starts(space, aims, found.ends)
     few = found.n_worth < _FEW
-    if aims.sign > 0.0 and space.axes.shape[1] > space.actions.shape[1] - len(space.problem.constraints.b_eq):
+    if aims.sign > 0.0 and space.n_seen > space.actions.shape[1] - len(space.problem.constraints.b_eq):
         parts.append(_pair_starts(space, aims))
     few |= n_states >= _SPARSE or space.form.lift is not None
     starts = together(aims, [*parts, *(others or ())])
@@ -429,31 +440,7 @@ def _end_starts(space: SearchSpace, aims: Aims, ends: Array) -> Iterator[SomeSta
     if not steps.size:
         return
     decoys = ends[steps, places]
-    actions = _moved_to_the_budget(space.problem, aims, steps, decoys)
-    yield starts_at(space, steps, decoys, actions)
-
-
-def _moved_to_the_budget(problem: QuadraticProblem, aims: Aims, steps: np.ndarray, decoys: Array) -> Array:
-    """Move decoys (n,X) on their rays to just before the budget ends, and return their decisions (n,U).
-
-    A climb moves a start onto the budget as well. Left to it, of 300 decisions under trading costs one loses 80 %; of 3,904
-    others and as many lotteries 7 lose, one 8.8 %, and 25 gain, one 4.9 %.
-    """
-    beliefs, best = aims.beliefs[steps], aims.optimal_costs[steps]
-    limits = np.maximum(aims.limits[steps], tolerances.TINY)
-    reach = np.clip(reach_in_simplex(beliefs, decoys - beliefs), 1.0, 1.0 / tolerances.TINY)
-    away, actions = reach[:, None] * (decoys - beliefs), aims.optimal[steps]
-
-    def excess(which: np.ndarray, shares: Array) -> Array:
-        tried = problem.solve_rows(np.maximum(beliefs[which] + shares[:, None] * away[which], 0.0))
-        regrets = (problem.costs_of_each(tried) * beliefs[which]).sum(axis=1) - best[which]
-        values = np.sqrt(np.maximum(regrets, 0.0) / limits[which]) - 1.0
-        actions[which[values <= 0.0]] = tried[values <= 0.0]
-        return np.asarray(values)
-
-    shares = farthest(excess, -np.ones(len(steps)), spare=_SPARED)
-    decoys[:] = np.maximum(beliefs + shares[:, None] * away, 0.0)
-    return np.asarray(actions)
+    yield starts_at(space, steps, decoys, space.problem.solve_rows(decoys))
 
 
 def starts_at(space: SearchSpace, steps: np.ndarray, decoys: Array, actions: Array) -> SomeStarts:

@@ -108,7 +108,7 @@ def _decide(constraints: Polyhedron, measure: PrivacyMeasure | None = None, n_st
 
 
 def _search() -> None:
-    from inscrutable.kernels.costs import quadratic_costs
+    from inscrutable.kernels.active_set import quadratic_costs
     from inscrutable.kernels.deferred import compiled_at_once, put_off
     from inscrutable.kernels.region_search import best_starts, read_actions
     from inscrutable.kernels.set_distance import is_explained_once

@@ -1,4 +1,4 @@
-"""Quadratic programmes over bounds and a few equalities, eight beliefs at a time.
+"""Quadratic programmes over bounds and a few equalities, eight beliefs at a time, and the costs of their decisions.
 
 min ½u'H(π)u + g(π)'u with H(π) = Σ π_i H_i, g(π) = Σ π_i g_i over {l ≤ u ≤ h, A u = b}.
 
@@ -26,8 +26,9 @@ from typing import Any
 
 import numpy as np
 
+from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.lanes import LANES, blank, entry, inverse, load, magnitude, some, spread, store, where
-from inscrutable.kernels.options import internal, kernel, uncounted
+from inscrutable.kernels.options import internal, kernel, uncounted, uncounted_kernel
 
 _ROUNDS = 60  # block exchanges before a belief is left to another method; three to six are usual
 _PATIENCE = 3.0  # exchanges in a row that may fail to lower the number of violations
@@ -394,3 +395,24 @@ def solve_path(
         else:
             for j in range(size):
                 store(state, j, spread(state[j, last]))
+
+
+@deferred(uncounted_kernel)
+def quadratic_costs(actions: Any, hessians: Any, linear: Any, costs: Any) -> None:
+    """Fill ½ u'H_i u + g_i'u of decisions u (T,U) for all states i, shape (T,X): H_jki at (j·U + k)·X + i, g_ji at j·X + i.
+
+    Coordinates that are zero take no part: a portfolio of many assets holds few.
+    """
+    size, n_states = actions.shape[1], costs.shape[1]
+    for t in range(len(actions)):
+        costs[t] = 0.0
+        for j in range(size):
+            u = actions[t, j]
+            if u != 0.0:
+                for i in range(n_states):
+                    costs[t, i] += u * (linear[j * n_states + i] + 0.5 * u * hessians[(j * size + j) * n_states + i])
+                for k in range(j):
+                    both = u * actions[t, k]
+                    if both != 0.0:
+                        for i in range(n_states):
+                            costs[t, i] += both * hessians[(j * size + k) * n_states + i]

@@ -273,7 +273,7 @@ class QuadraticProblem(DecisionProblem):
         The last digits of a product of matrices depend on the number of its rows, and where a search ends may depend on them:
         two of 1,475 decisions differed between `decide` and `decide_many`, by up to 29 %.
         """
-        from inscrutable.kernels.costs import quadratic_costs
+        from inscrutable.kernels.active_set import quadratic_costs
 
         found = np.empty((len(points), self.n_states))
         quadratic_costs(np.array(points, dtype=np.float64, order="C"), *self._kernel_costs, found)

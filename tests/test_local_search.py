@@ -1,11 +1,6 @@
-"""The paper's local search from several starts, whose trials are judged together."""
+"""The paper's local search from several starts."""
 
 from __future__ import annotations
-
-import os
-import signal
-import threading
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -25,7 +20,7 @@ def three_by_three(rng: np.random.Generator) -> tuple[MarkowitzProblem, np.ndarr
 
 
 @pytest.mark.parametrize("seed", some([0, 24, None], 2))
-def test_starts_judged_together_end_where_each_ends_alone(seed: int | None, fresh_seed: int) -> None:
+def test_starts_end_where_each_ends_alone(seed: int | None, fresh_seed: int) -> None:
     problem, belief, limit = three_by_three(np.random.default_rng(fresh_seed if seed is None else seed))
 
     def reached(n_starts: int, rng: np.random.Generator) -> np.ndarray:
@@ -35,41 +30,8 @@ def test_starts_judged_together_end_where_each_ends_alone(seed: int | None, fres
     together = reached(count, np.random.default_rng(1))
     rng = np.random.default_rng(1)
     alone = np.concatenate([reached(1, rng) for _ in range(count)])
-    # All in 48 of 50 markets: at a corner, where a set is larger than a segment, last digits may be those of an equal trial.
-    assert (together == alone).mean() >= (1.0 if seed is not None else 0.5)
+    assert np.array_equal(together, alone)
     maker = CounterAdversarialDecisionMaker(
         problem, budget=0.1, method=LocalSearch(count, np.random.default_rng(1)), candidates=decoy_grid(problem, 6)
     )
     assert maker.decide(belief).privacy == pytest.approx(max(together.max(), 0.0), abs=1e-9)
-
-
-def failed() -> None:
-    """An error in the user's problem."""
-    raise ZeroDivisionError
-
-
-def interrupted() -> None:
-    """Ctrl-C."""
-    os.kill(os.getpid(), signal.SIGINT)
-
-
-@pytest.mark.parametrize(("fail", "error"), [(failed, ZeroDivisionError), (interrupted, KeyboardInterrupt)])
-def test_an_error_at_one_start_or_an_interrupt_ends_all(fail: Callable[[], None], error: type[BaseException]) -> None:
-    class Failing(MarkowitzProblem):
-        """Fails, or is interrupted, at the twentieth slope."""
-
-        calls = 0
-
-        def cost_gradients(self, actions: np.ndarray) -> np.ndarray:
-            self.calls += 1
-            if self.calls == 20:
-                fail()
-            return super().cost_gradients(actions)
-
-    problem, belief, limit = three_by_three(np.random.default_rng(0))
-    failing = Failing(problem.means, problem.covariances, problem.risk_aversion)
-    before = threading.active_count()
-    with pytest.raises(error):
-        privacies_by_start(failing, belief, MaximalObfuscation(), limit, LocalSearch(5, np.random.default_rng(1)))
-    assert failing.calls < 100  # without it, some hundreds
-    assert threading.active_count() == before

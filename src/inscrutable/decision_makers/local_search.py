@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from contextvars import copy_context
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
-from threading import Condition
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -34,9 +30,6 @@ _STEP = 2.0**-30
 its start, and these must not depend on the root finder."""
 _ACCURACY = 2.0**-45
 """Accuracy of these ends: one in thirty thousand is rounded to another multiple."""
-_TOGETHER = 20
-"""Most starts that run together, each on a thread: over three assets five take .6 to .7 of the time of one after the other,
-twenty .4 to .5, forty .4."""
 _DIFFERENCE = float(np.sqrt(np.finfo(float).eps))
 """Step of forward differences. With a fifth of it, 10 of these 50 lose up to 1.2 % and two gain a start; with three times as
 much six gain up to 2 %."""
@@ -72,10 +65,6 @@ class LocalSearch:
         validation.generator(self.rng)
 
 
-Judge = Callable[[Array], tuple[Judgement, Array]]
-"""Judges the trials (n,U) of a start, and gives the gradient (U,) of the expected cost at the first."""
-
-
 class _Search:
     """The searches for one belief: what they may do, and how decisions are judged."""
 
@@ -92,22 +81,11 @@ class _Search:
         """
         return self.goal.judged(actions, explained=not self.goal.measure.searches_actions)
 
-    def judged_together(self, parts: list[Array]) -> list[Judgement]:
-        """Judge the trials (n,U) of several starts, each as if alone: the last digits of a product depend on the number of its
-        rows, and where the solver ends may depend on them."""
-        found = self.judged(np.vstack(parts))
-        ends = np.cumsum([len(part) for part in parts])[:-1]
-        each = [Judgement._make(columns) for columns in zip(*(np.split(column, ends) for column in found), strict=True)]
-        if len(parts) == 1:
-            return each
-        regrets = [np.where(np.isfinite(part).all(axis=1), self.goal.regrets(part), np.inf) for part in parts]
-        return [judgement._replace(regrets=own) for judgement, own in zip(each, regrets, strict=True)]
-
-    def slopes(self, actions: Array) -> Array:
-        """The gradients (n,U) of the expected cost at trials; zero where a trial is not finite."""
-        is_finite = np.asarray(np.isfinite(actions).all(axis=1))[:, None]
-        found = self.goal.belief @ self.goal.problem.cost_gradients(np.where(is_finite, actions, 0.0))
-        return np.where(is_finite, found, 0.0)
+    def slope(self, action: Array) -> Array:
+        """The gradient (U,) of the expected cost at a trial; zero where that is not finite."""
+        if not np.isfinite(action).all():
+            return np.zeros(action.size)
+        return np.asarray(self.goal.belief @ self.goal.problem.cost_gradients(action))
 
 
 class _Watched:
@@ -135,58 +113,6 @@ class _Watched:
         return turned, excess[0]
 
 
-class _Rounds:
-    """Judges the trials of several starts at once: each waits until all that still run have asked.
-
-    A judgement takes about half a millisecond, however few its trials.
-    """
-
-    def __init__(self, search: _Search, count: int) -> None:
-        self._search, self._running = search, count
-        self._ready = Condition()
-        self._asked: dict[int, Array] = {}
-        self._answers: dict[int, tuple[Judgement, Array]] = {}
-        self._error: BaseException | None = None
-
-    def judged(self, place: int, actions: Array) -> tuple[Judgement, Array]:
-        """Judge trials (n,U) of the start at a place, with the gradient (U,) of the expected cost at the first."""
-        with self._ready:
-            self._asked[place] = actions
-            self._answer()
-            self._ready.wait_for(lambda: place in self._answers or self._error is not None)
-            if self._error is not None:
-                raise self._error
-            return self._answers.pop(place)
-
-    def end(self) -> None:
-        """Wait no longer for a start that has ended."""
-        with self._ready:
-            self._running -= 1
-            self._answer()
-
-    def stop(self, error: BaseException) -> None:
-        """End all starts by an error."""
-        with self._ready:
-            self._error = error
-            self._ready.notify_all()
-
-    def _answer(self) -> None:
-        """Once all that run have asked, judge their trials, in the order of their places, whichever asked first."""
-        if self._error is not None or not self._asked or len(self._asked) < self._running:
-            return
-        places = sorted(self._asked)
-        parts = [self._asked[place] for place in places]
-        self._asked.clear()
-        try:
-            found = self._search.judged_together(parts)
-            slopes = self._search.slopes(np.array([part[0] for part in parts]))
-        except BaseException as error:  # raised by every start, and by the call
-            self.stop(error)
-            return
-        self._answers.update(zip(places, zip(found, slopes, strict=True), strict=True))
-        self._ready.notify_all()
-
-
 def search_locally(
     problem: DecisionProblem, belief: Array, measure: PrivacyMeasure, limit: float, method: LocalSearch
 ) -> Array | None:
@@ -206,42 +132,16 @@ def privacies_by_start(
 
 
 def _searched(search: _Search, method: LocalSearch) -> list[_Watched]:
-    """The searches from all starts, each with what it found."""
-    found, runs = [], list[tuple[_Watched, Array]]()
-    for _ in range(method.n_starts):
-        watched = _Watched(search.goal.limit)
-        start = _affordable_start(search, watched, method.rng)
-        found.append(watched)
-        if start is not None:
-            runs.append((watched, start))
-    if search.goal.measure.is_indicator or not runs:
-        return found
+    """The searches from all starts, one after the other, each with what it found."""
+    found = []
     with one_blas_thread():  # else its last digits, and where it ends, differ with the cores
-        for first in range(0, len(runs), _TOGETHER):
-            _run_together(search, runs[first : first + _TOGETHER])
+        for _ in range(method.n_starts):
+            watched = _Watched(search.goal.limit)
+            start = _affordable_start(search, watched, method.rng)
+            if start is not None and not search.goal.measure.is_indicator:
+                _run(search, watched, start)
+            found.append(watched)
     return found
-
-
-def _run_together(search: _Search, runs: list[tuple[_Watched, Array]]) -> None:
-    """Run the solver from some starts, each on a thread of its own, which takes over the caller's floating-point settings."""
-    rounds = _Rounds(search, len(runs))
-
-    def run(place: int) -> None:
-        try:
-            _run(search, *runs[place], partial(rounds.judged, place))
-        finally:
-            rounds.end()
-
-    if len(runs) == 1:
-        run(0)
-        return
-    with ThreadPoolExecutor(len(runs)) as pool:
-        try:
-            for running in [pool.submit(copy_context().run, run, place) for place in range(len(runs))]:
-                running.result()
-        except BaseException as error:  # Ctrl-C too
-            rounds.stop(error)
-            raise
 
 
 def _affordable_start(search: _Search, watched: _Watched, rng: np.random.Generator) -> Array | None:
@@ -276,7 +176,7 @@ def _cheaper(search: _Search, reached: Array) -> Array:
     return np.asarray(search.optimal + first_met(meets) * way)
 
 
-def _run(search: _Search, watched: _Watched, start: Array, judged: Judge) -> None:
+def _run(search: _Search, watched: _Watched, start: Array) -> None:
     """Run the solver from one start, in coordinates along the equalities, so that finite differences stay on them."""
     region, free = search.goal.problem.constraints.in_decision, search.free
     origin = np.zeros(free.shape[1])
@@ -289,10 +189,12 @@ def _run(search: _Search, watched: _Watched, start: Array, judged: Judge) -> Non
         """The loss, its gradient by forward differences; the share of the budget left, the slack of every row, slopes."""
         v = np.frombuffer(point)
         trials = around + free @ v
-        found, slope = judged(trials)
-        losses, excess = watched.losses(trials, found)
+        losses, excess = watched.losses(trials, search.judged(trials))
         gradient = np.array([(loss - losses[0]) / _DIFFERENCE for loss in losses[1:]])
-        rules, slopes = np.append(-excess / scale, room - normals @ v), np.vstack([slope @ free / -scale, -normals])
+        rules, slopes = (
+            np.append(-excess / scale, room - normals @ v),
+            np.vstack([search.slope(trials[0]) @ free / -scale, -normals]),
+        )
         return losses[0], gradient, rules, slopes
 
     def loss(v: Array) -> Any:

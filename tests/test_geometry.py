@@ -231,6 +231,37 @@ def test_samples_of_a_triangle_are_uniform():
     np.testing.assert_allclose((shares > 0.5).mean(axis=0), 0.25, atol=0.03)
 
 
+@pytest.mark.parametrize("n", [8, 11])
+def test_samples_of_many_dimensions_are_uniform(n: int, fresh_rng: np.random.Generator) -> None:
+    """A repeated row makes the simplex a polytope like any other; its uniform law is Dirichlet's."""
+    drawn = BeliefSet(nothing(n), np.eye(n)[:1]).sample(3000, rng=fresh_rng)
+    assert drawn.min() >= 0.0
+    exact = fresh_rng.dirichlet(np.ones(n), 300_000)
+    for of in (lambda points: points.max(axis=1), lambda points: points[:, 0] ** 2, lambda points: points[:, -1]):
+        assert of(drawn).mean() == pytest.approx(of(exact).mean(), abs=4.5 * of(exact).std() / np.sqrt(len(drawn)))
+
+
+def test_a_set_with_a_tolerance_is_sampled_as_without(fresh_rng: np.random.Generator) -> None:
+    """Eight dimensions, six of them thin: hundreds of corners, which cannot be divided into simplices in minutes."""
+    rows, inside = fresh_rng.normal(size=(6, 9)), fresh_rng.dirichlet(np.full(9, 3.0))
+    rows -= (rows @ inside)[:, None]
+    thin, flat = (BeliefSet(rows / np.abs(rows).max(), np.zeros((0, 9)), tolerance) for tolerance in (1e-6, 1e-9))
+    assert (thin.dimension, flat.dimension) == (8, 2)
+    drawn, exact = thin.sample(2000, rng=fresh_rng), flat.sample(100_000, rng=fresh_rng)
+    assert thin.violation(drawn).max() <= 1.001e-6
+    error = exact.std(axis=0) / np.sqrt(len(drawn))
+    assert (np.abs(drawn.mean(axis=0) - exact.mean(axis=0)) <= 4.5 * error + 1e-5).all()
+    np.testing.assert_allclose(drawn.std(axis=0), exact.std(axis=0), rtol=0.1, atol=1e-5)
+
+
+def test_bounds_of_many_dimensions_are_those_of_the_corners(fresh_rng: np.random.Generator) -> None:
+    rows = fresh_rng.normal(size=(2, 12))
+    found = BeliefSet(nothing(12), rows - 0.9 * rows.mean(axis=1, keepdims=True))
+    assert found.dimension == 11
+    corners = found.vertices()
+    np.testing.assert_allclose(found.bounds(), np.column_stack([corners.min(axis=0), corners.max(axis=0)]), atol=1e-8)
+
+
 # --- multiplier cones ---------------------------------------------------------------------------------------------------
 
 

@@ -22,6 +22,7 @@ from inscrutable.geometry import simplex_grid
 from inscrutable.geometry.hulls import onto_simplex, sum_zero_basis
 from inscrutable.geometry.polytopes import (
     Reduced,
+    line_ends,
     project_on_rows,
     reduce_polytope,
     sample_polytope,
@@ -279,12 +280,8 @@ class NearOptimalBeliefs:
         centre = np.full(self.n_states, 1.0 / self.n_states)
         for _ in range(_STEPS):
             directions = rng.normal(size=(n, self.n_states - 1))
-            speed = directions @ rows.T
-            slack = np.maximum(offsets - (points - centre) @ self._basis @ rows.T, 0.0)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                reach = slack / speed
-            high = np.where(speed > 0, reach, np.inf).min(axis=1)
-            low = np.where(speed < 0, reach, -np.inf).max(axis=1)
+            slacks = np.maximum(offsets - (points - centre) @ self._basis @ rows.T, 0.0)
+            low, high = line_ends(slacks, directions @ rows.T)
             moving = np.arange(n)
             for _ in range(_MOST_SHRINKS):
                 step = rng.uniform(low[moving], high[moving])

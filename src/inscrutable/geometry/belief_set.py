@@ -234,6 +234,8 @@ class BeliefSet(Saved):
         """Return the least and greatest probability of each state over the set, shape (X, 2); NaN where it is empty."""
         if self._shape is None:
             return np.full((self.n_states, 2), np.nan)
+        if self.dimension > _MOST_LISTED:
+            return self._shape.bounds()
         corners = self.vertices()
         return np.column_stack([corners.min(axis=0), corners.max(axis=0)])
 

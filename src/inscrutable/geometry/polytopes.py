@@ -7,7 +7,7 @@ from functools import cached_property
 
 import daqp
 import numpy as np
-from scipy.linalg import null_space
+from scipy.linalg import null_space, solve_triangular
 from scipy.optimize import nnls
 from scipy.spatial import Delaunay, HalfspaceIntersection, QhullError, cKDTree
 
@@ -15,6 +15,15 @@ from inscrutable import tolerances
 from inscrutable.errors import SolverError
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.validation import Array
+
+_MOST_DIVIDED = 6
+"""Dimensions up to which a polytope is divided into simplices to sample it: in seven that takes 2 s, in eight minutes."""
+_STEPS = 5
+"""Steps of hit-and-run, by squared dimension: on simplices of 7 to 19 dimensions the mean of the largest coordinate is right to
+.3 %; with two it is .1 to .5 % off, with one 2 to 4 %."""
+_CENTRED = (
+    0.1  # length of a Newton step, in the units that it is measured in, within which a point is the analytic centre
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +54,12 @@ class Reduced:
         if self.corners is not None:
             return np.asarray(self.corners.mean(axis=0))
         return np.asarray(self.origin + self._deep @ self.directions)
+
+    def bounds(self) -> Array:
+        """Return the least and the greatest value of each coordinate, shape (X, 2), by linear programmes."""
+        rows = Rows(self.rows, self.offsets)
+        found = [sign * minimum(sign * unit, rows).value for unit in self.directions.T for sign in (1.0, -1.0)]
+        return np.asarray(self.origin[:, None] + np.reshape(found, (-1, 2)))
 
     @cached_property
     def _deep(self) -> Array:
@@ -197,6 +212,8 @@ def sample_polytope(polytope: Reduced, n: int, rng: np.random.Generator) -> Arra
     dimension = polytope.directions.shape[0]
     if dimension == 0:
         return np.tile(polytope.origin, (n, 1))
+    if dimension > _MOST_DIVIDED and len(polytope.rows) > dimension + 1:
+        return np.asarray(polytope.origin + _walked(polytope, n, rng) @ polytope.directions)
     corners = (polytope.vertices - polytope.origin) @ polytope.directions.T
     if len(corners) == dimension + 1:
         simplices = np.arange(dimension + 1)[None]
@@ -210,3 +227,32 @@ def sample_polytope(polytope: Reduced, n: int, rng: np.random.Generator) -> Arra
     chosen = rng.choice(len(simplices), size=n, p=weights / weights.sum())
     mix = rng.dirichlet(np.ones(dimension + 1), size=n)
     return np.asarray(polytope.origin + np.einsum("nk,nkd->nd", mix, corners[simplices[chosen]]) @ polytope.directions)
+
+
+def _walked(polytope: Reduced, n: int, rng: np.random.Generator) -> Array:
+    """Coordinates (n,d) of points from hit-and-run, each from the analytic centre.
+
+    There A = diag(1/slacks) rows = QR makes the polytope {centre + R⁻¹y : Qy ≤ 1} about as wide in all directions of y.
+    """
+    centre = polytope._deep
+    while True:  # Newton's method, damped: some ten steps
+        even, upper = np.linalg.qr(polytope.rows / (polytope.offsets - polytope.rows @ centre)[:, None])
+        pull = even.sum(axis=0)
+        if np.linalg.norm(pull) <= _CENTRED:
+            break
+        centre = centre - solve_triangular(upper, pull) / (1.0 + np.linalg.norm(pull))
+    places = np.zeros((n, centre.size))
+    for _ in range(_STEPS * centre.size**2):
+        away = rng.normal(size=places.shape)
+        low, high = line_ends(1.0 - places @ even.T, away @ even.T)
+        places += rng.uniform(low, high)[:, None] * away
+    return np.asarray(centre + solve_triangular(upper, places.T).T)
+
+
+def line_ends(slacks: Array, speeds: Array) -> tuple[Array, Array]:
+    """Return how far points (n) can move back and forth on lines: the least and the greatest factor (n,), from the slacks (n,m)
+    of rows and the speeds (n,m) at which these shrink."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steps = slacks / speeds
+    low = np.where(speeds < 0, steps, -np.inf).max(axis=1, initial=-np.inf)
+    return low, np.where(speeds > 0, steps, np.inf).min(axis=1, initial=np.inf)

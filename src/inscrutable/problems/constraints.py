@@ -15,6 +15,7 @@ from inscrutable import tolerances, validation
 from inscrutable.axes import Axis, Names, axis_labels
 from inscrutable.errors import InputError, ModelError, SolverError
 from inscrutable.geometry.cones import StationarityRows, stationarity_rows
+from inscrutable.geometry.polytopes import line_ends
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
 from inscrutable.problems.conflicts import RowConflict, implied_equalities, row_conflict
 from inscrutable.validation import Array
@@ -322,12 +323,7 @@ class Polyhedron:
         factor (n,)."""
         loose = ~self._flat_rows(ends)
         rows, sides = self.A_ub[loose], self.b_ub[loose]
-        speed = directions @ rows.T
-        slack = np.maximum(sides - points @ rows.T, 0.0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            steps = slack / speed
-        low = np.where(speed < 0, steps, -np.inf).max(axis=1, initial=-np.inf)
-        return low, np.where(speed > 0, steps, np.inf).min(axis=1, initial=np.inf)
+        return line_ends(np.maximum(sides - points @ rows.T, 0.0), directions @ rows.T)
 
     @cached_property
     def bounding_box(self) -> Array:

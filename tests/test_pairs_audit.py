@@ -384,10 +384,14 @@ def test_labels_that_are_whole_numbers_join_rows_too() -> None:
     rng = np.random.default_rng(1)
     secret = pd.Series(rng.normal(size=201), name="signal")
     shown = pd.DataFrame({"A": secret + 0.1 * rng.normal(size=201)})
-    later = audit_pairs(secret[:-1], shown[1:], shifts=19)
+    later = audit_pairs(secret[:-2], shown[1:], shifts=19)
     assert later.is_found
-    assert later.n_rows == 199
-    assert "1 of 200 rows of secrets have no partner, such as 0" in later.summary()
+    assert later.n_rows == 198
+    assert "1 of 199 rows of secrets have no partner, such as 0" in later.summary()
+    with pytest.raises(
+        InputError, match="secrets are numbered from 0, those of published from 1, and there are as many"
+    ):
+        audit_pairs(secret[:-1], shown[1:], shifts=19)
     expected = audit_pairs(secret, shown, shifts=19).frame()
     assert audit_pairs(secret[::-1], shown, shifts=19).frame().equals(expected)
     with pytest.raises(InputError, match="expected rows in order of time"):
@@ -497,6 +501,18 @@ def test_classes_that_are_long_whole_numbers_keep_their_digits() -> None:
         assert audit_pairs(ids, COUNTED, kind="classes", shifts=19).secrets[0].classes == names
 
 
+@pytest.mark.parametrize("kind", ["int64", "uint64", "Int64", "object"])
+def test_whole_numbers_too_long_for_a_float_are_classes_of_their_own(kind: str) -> None:
+    first = 2**70 if kind == "object" else 2**53
+    names = (str(first), str(first + 1))
+    ids = pd.Series(
+        [int(names[int(count == 1)]) for count in COUNTED], name="id", index=range(5, 5 + len(COUNTED)), dtype=kind
+    )
+    found = audit_pairs(ids, pd.Series(COUNTED, index=ids.index)[1:], kind="classes", shifts=19)
+    assert found.secrets[0].classes == names
+    assert found.n_rows == len(COUNTED) - 1
+
+
 # ---- files and the command -------------------------------------------------------------------------
 
 
@@ -594,6 +610,13 @@ def test_a_secret_that_repeats_cannot_be_tested_and_says_so() -> None:
     assert both.secrets[1].detectable < 1.0
     assert "secrets 1 repeats itself" in both.summary()
     assert "secrets 2 repeats itself" not in both.summary()
+    # Small beside its size, not beside its range.
+    bit = rng.random(300) < 0.5
+    found = audit_pairs(
+        1e7 + 1e-6 * bit + 1e-8 * rng.random(300), bit + 0.3 * rng.normal(size=300), kind="numbers", shifts=39
+    )
+    assert found.is_found
+    assert "repeats itself" not in found.summary()
 
 
 @pytest.mark.usefixtures("without_sources")

@@ -121,11 +121,19 @@ def _table(value: Any, name: str) -> pd.DataFrame:
 
 def _joined_by_place(given: Sequence[Any], tables: Sequence[pd.DataFrame]) -> bool:
     """Return whether rows are joined by place: a table is an array, or both count rows from 0, or one does and the other has
-    labels of another type."""
+    labels of another type. One that counts from 0 and one from elsewhere, of as many rows, may mean either."""
     if not all(isinstance(each, (pd.DataFrame, pd.Series)) for each in given):
         return True
     bare = [_counts_rows(table) for table in tables]
-    return all(bare) or (any(bare) and any(table.index.inferred_type != "integer" for table in tables))
+    if not any(bare) or any(table.index.inferred_type != "integer" for table in tables):
+        return any(bare)
+    firsts = [table.index.min() for table in tables]
+    if firsts[0] != firsts[1] and len(tables[0]) == len(tables[1]):
+        raise InputError(
+            f"rows of secrets are numbered from {firsts[0]}, those of published from {firsts[1]}, and there are as many: give "
+            "both the same numbers, or labels such as dates"
+        )
+    return all(bare)
 
 
 def _counts_rows(table: pd.DataFrame) -> bool:
@@ -179,7 +187,11 @@ def _aligned(
                 f"{lost} of {len(table)} rows of {name} have no partner, such as {label_text(left)}, and are left out"
             )
     index = shown.index.union(hidden.index) if ordered else shown.index
-    return hidden.reindex(index), shown.reindex(index), index.isin(common)
+    # As missing entries make whole numbers floats, and long ones lose digits.
+    whole = {
+        name: kind.name.replace("i", "I").replace("u", "U") for name, kind in hidden.dtypes.items() if kind.kind in "iu"
+    }
+    return hidden.astype(whole).reindex(index), shown.reindex(index), index.isin(common)
 
 
 def _decisions(shown: pd.DataFrame, notes: list[str]) -> pd.DataFrame:
@@ -215,7 +227,9 @@ def _target(column: pd.Series, kind: Kind | None, notes: list[str]) -> Target:
     values = _finite(column, "secrets", name) if numeric else _words(column, "secrets", name)
     if not numeric and kind is None:
         _refuse_written_numbers(values, "secrets", name)
-    distinct = np.unique(np.asarray(values))
+    is_integer = pd.api.types.is_integer_dtype(column)  # a float has too few digits for long ones
+    read = np.array(column.tolist()) if is_integer else np.asarray(values)
+    distinct = np.unique(read)
     if len(distinct) < 2:
         raise InputError(f"secrets column {name!r} is {distinct[0]} in every row: there is nothing to learn")
     whole = numeric and len(distinct) <= _MOST_CLASSES and bool((distinct == np.round(distinct.astype(float))).all())
@@ -228,8 +242,9 @@ def _target(column: pd.Series, kind: Kind | None, notes: list[str]) -> Target:
             f"secrets column {name!r} has {len(distinct)} different classes, such as {distinct[0]}, expected at most "
             f"{_MOST_CHOICES}"
         )
-    indicators = (np.asarray(values)[:, None] == distinct[None]).astype(np.float64)
-    names = (np.format_float_positional(each, trim="-") if numeric else str(each) for each in distinct)
+    indicators = (read[:, None] == distinct[None]).astype(np.float64)
+    as_written = numeric and not is_integer
+    names = (np.format_float_positional(each, trim="-") if as_written else str(each) for each in distinct)
     return Target(name, "classes", tuple(names), indicators)
 
 

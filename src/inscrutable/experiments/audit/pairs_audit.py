@@ -35,6 +35,9 @@ _REPEATS = (
     "{name} repeats itself, so that more than one in twenty shifts leave it as it is: the test cannot find a leak of it, "
     "however large"
 )
+_ROUNDED = (
+    0.01  # rounding may be large beside a number's range; what differs by more than this share of it does not repeat
+)
 _ALONE = ("ridge, penalty 0.01", "tree")
 """Learners for single columns."""
 
@@ -105,7 +108,7 @@ def audit_pairs(
     streams = dict(zip(sorted(each.name for each in pairs.targets), source.spawn(len(pairs.targets)), strict=True))
     runs = [learn_forward(pairs.features, each.values, draw, apart, makers) for each in pairs.targets]
     p_values, detectable = _judged(np.stack([run.explained() for run in runs]))
-    repeats = np.array([_repeats(each, draw) for each in pairs.targets])
+    repeats = np.array([_repeats(each, draw) for each in pairs.targets]) & (p_values[:, -1] > 1.0 - LEVEL)
     detectable = np.where(repeats, 1.0, detectable)
     level = 1.0 - (1.0 - LEVEL) / len(runs)
     found = [
@@ -136,7 +139,7 @@ def _before(lags: tuple[int, ...]) -> list[str]:
 def _repeats(target: Target, draw: np.ndarray) -> bool:
     """Return whether so many shifts leave the secret as it is, but for rounding, that no p-value is significant."""
     values = target.values
-    rounding = tolerances.CONSTANT_COLUMN * np.abs(values).max()
+    rounding = min(tolerances.CONSTANT_COLUMN * float(np.abs(values).max()), _ROUNDED * float(np.ptp(values)))
     same = [bool((np.abs(np.roll(values, int(shift), axis=0) - values) <= rounding).all()) for shift in draw]
     return float(np.mean(same)) > 1.0 - LEVEL + tolerances.BELIEF_SUM
 

@@ -41,6 +41,7 @@ from inscrutable.alphas.factored_law import FactoredErrorLaw
 from inscrutable.alphas.observed import Moves
 from inscrutable.alphas.one_decision import filled
 from inscrutable.alphas.over_time import least_bits, most_error_over_time
+from inscrutable.alphas.under_limits import SimulatedRegret
 from sizes import audited, instances, some
 
 Array = NDArray[np.float64]
@@ -895,6 +896,23 @@ def test_under_limits_no_rule_hides_less_than_its_budget_without_them(
         assert figure.standard_error < 2e-5  # simulated whole, 3.5e-5
         if width:
             assert grown.bits == pytest.approx(maker.bits, rel=1e-9)
+
+
+def test_under_limits_the_regret_of_few_draws_is_above_zero_and_its_error_not_too_small() -> None:
+    prior = np.array([[4e-4, 1e-4], [1e-4, 2e-4]])
+    problem = AlphaProblem([[0.04, 0.01], [0.01, 0.02]], 2.5, box([0.0, 0.0], [1e-3, 1e-3]))
+    maker = AlphaDecisionMaker(problem, 0.5, prior_covariance=prior)
+
+    def silent(draws: int, seed: int) -> SimulatedRegret:
+        found = maker.under_limits(draws=draws, rng=np.random.default_rng(seed)).simulated_regret
+        assert found is not None
+        return found
+
+    exact = silent(20_000, 0).silence
+    few = [silent(5, seed) for seed in range(20, 80)]
+    assert min(min(each.mean, each.silence) for each in few) > 0.0
+    within = np.mean([abs(each.mean - 0.5 * exact) <= 2.0 * each.standard_error for each in few])
+    assert within >= 0.8
 
 
 def test_under_limits_the_long_run_does_not_depend_on_the_start(fresh_rng: np.random.Generator) -> None:

@@ -19,6 +19,8 @@ from inscrutable.errors import SolverError
 from inscrutable.validation import Array
 
 _MOST_LIMITS = 40
+_LEAST_FITTED = 30
+"""Draws from which a control variate is fitted. With 5 and 10, .63 and .74 of 300 means of silence lay within two errors."""
 
 
 class SimulatedRegret(NamedTuple):
@@ -56,10 +58,16 @@ def simulation(problem: AlphaProblem, means: Array) -> Callable[[Array, float], 
     def simulated(estimates: Array, most: float) -> SimulatedRegret:
         regrets, errors = costs(estimates) - least, estimates - means
         bounds = (errors * problem.theta_times(errors.T).T).sum(axis=1)
-        apart = bounds - bounds.mean()
-        slope = float(apart @ regrets) / max(float(apart @ apart), tolerances.TINY)
+        shift, apart, count = float(bounds.mean()) - most, bounds - bounds.mean(), len(bounds)
+        square = max(float(apart @ apart), tolerances.TINY)
+        slope = float(apart @ regrets) / square
+        # A mean regret is above zero, however the line through few draws goes.
+        if count < _LEAST_FITTED or slope * shift >= float(regrets.mean()):
+            error = regrets.std(ddof=1) / np.sqrt(count)
+            return SimulatedRegret(min(float(regrets.mean()), most), float(error))
         left = regrets - slope * (bounds - most)
-        return SimulatedRegret(min(float(left.mean()), most), float(left.std(ddof=2) / np.sqrt(len(left))))
+        error = left.std(ddof=2) * np.sqrt(1.0 / count + shift**2 / square)  # the slope's own error too
+        return SimulatedRegret(min(float(left.mean()), most), float(error))
 
     return simulated
 

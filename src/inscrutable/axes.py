@@ -13,6 +13,7 @@ Names = tuple[Hashable, ...]
 _PLAIN = {int, float, bool, str, type(None), np.ndarray, np.float64, np.int64}
 """Types without labels; the types in a list decide for the list."""
 _SIDES = ("index", "columns")
+_NUMBERINGS = (("", 0), ("", 1), ("regime ", 1))
 
 
 class Axis:
@@ -81,18 +82,22 @@ class Axis:
 def check_same_order(what: str, first: tuple[str, Names | None], second: tuple[str, Names | None]) -> None:
     """Raise `InputError` where two objects, given with their names, have known labels that are not the same in order.
 
-    Numbers of the places, such as "regime 1", are not known labels beside others. Labels are compared as texts, which those of
-    a world are.
+    Numbers of the places, such as 0, "1" or "regime 1", are not known labels beside others. Labels are compared as texts, which
+    those of a world are.
     """
     (one, ours), (other, theirs) = first, second
     if ours is None or theirs is None:
         return
     texts, others = tuple(map(str, ours)), tuple(map(str, theirs))
-    is_numbered = any(each == Axis.numbering(each) for each in (ours, theirs)) and not set(texts) & set(others)
+    is_numbered = any(map(_number_places, (texts, others))) and not set(texts) & set(others)
     if texts != others and not is_numbered:
         raise InputError(
             f"{one} has the {what} labels {few(ours)}, {other} {few(theirs)}; expected the same ones in the same order"
         )
+
+
+def _number_places(texts: tuple[str, ...]) -> bool:
+    return any(texts == tuple(f"{word}{first + i}" for i in range(len(texts))) for word, first in _NUMBERINGS)
 
 
 def ordered(value: Any, name: str, axes: Sequence[Axis | None] | None) -> Any:

@@ -668,6 +668,27 @@ def test_lists_of_holdings_may_name_the_unit_of_their_columns(tmp_path: Path) ->
     assert read_holdings(file, assets=["Gas", "Oil"]).frame.to_numpy().tolist() == [[0.25, 0.75]]
 
 
+def test_dollars_that_add_up_to_about_100_are_no_percentages(tmp_path: Path) -> None:
+    file = tmp_path / "fund.csv"
+    for text, held in (
+        ("ticker,shares,price\nA,3,20\nB,2,10\nC,1,22\n", [60, 20, 22]),
+        ('ticker,"market value ($)"\nA,83\nB,18\nC,0\n', [83, 18, 0]),
+        ("ticker,value\nA,$34\nB,$34\nC,$34\n", [34, 34, 34]),
+        ("A,B,C\n$83,$18,$0\n", [83, 18, 0]),
+    ):
+        file.write_text(text)
+        found = read_holdings(file, assets=["A", "B", "C"])
+        np.testing.assert_allclose(found.frame.to_numpy(), [np.array(held) / sum(held)])
+        assert found.sums is None
+
+
+def test_a_row_of_totals_is_said_to_go(tmp_path: Path) -> None:
+    file = tmp_path / "fund.csv"
+    file.write_text("ticker,value\nOil,75.00\nGas,25.00\nTotal,100\n")
+    with pytest.raises(InputError, match=r"line 4, column 'ticker': 'Total' is no holding: delete its line or column"):
+        read_holdings(file, assets=["Gas", "Oil"])
+
+
 def test_titles_and_notes_around_a_table_are_said_to_go(tmp_path: Path) -> None:
     file = tmp_path / "fund.csv"
     file.write_text("ticker,weight\nOil,75.00\nGas,25.00\nNo advice\n")

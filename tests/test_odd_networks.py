@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -97,6 +98,8 @@ SAME = [
     ("1 7 0 0.1 0 30 0 0 0 0 1 0 0;", "1 7 0 0.1 0 30 0 0 0 0 1 0 0;\n1 7 0 0.1 0 1 0 0 0 0 0 0 0;"),
     ("function mpc = two\n", "\ufefffunction mpc = two\n"),
     ("function mpc = two\n", ""),
+    ("mpc.bus = [", "% a note\x85 and others\u2028 and more\x0c\nmpc.bus = ["),
+    ("mpc.bus = [", "mpc.bus_name = {\"100% A}\"; 'B}'};\nmpc.bus = ["),
 ]
 
 
@@ -114,6 +117,23 @@ def test_what_changes_nothing_changes_nothing(old, new, tmp_path):
     assert old in CASE
     (tmp_path / "same.m").write_bytes(CASE.replace(old, new).encode())
     np.testing.assert_allclose(dispatch_problem(load_matpower(tmp_path / "same.m")).solve([1.0]), BEST)
+
+
+@pytest.mark.parametrize(
+    ("angles", "least", "most"),
+    [
+        ("0 0", -np.inf, np.inf),
+        ("0 1", 0.0, 1.0),
+        ("-1 0", -1.0, 0.0),
+        ("-360 360", -np.inf, np.inf),
+        ("-1 360", -1.0, np.inf),
+    ],
+)
+def test_limits_of_angles_in_matpower(angles: str, least: float, most: float, tmp_path: Path) -> None:
+    """MATPOWER's manual, table of branch data: none where both are 0, none below from −360°, none above from 360° on."""
+    (tmp_path / "angles.m").write_text(CASE.replace("0.1 0 30 0 0 0 0 1 0 0;", f"0.1 0 0 0 0 0 0 1 {angles};"))
+    limits = load_matpower(tmp_path / "angles.m", convention="matpower").flow_limits
+    np.testing.assert_allclose(limits, [[1000.0 * np.radians(least), 1000.0 * np.radians(most)]])
 
 
 @pytest.mark.parametrize("limit", ["0", "Inf"])

@@ -144,6 +144,19 @@ def test_degenerate_tables() -> None:
     assert second.startswith("B from 0 to 29")
     (lost,) = suspicious_entries(pd.DataFrame({"A": [0.01, -1.0, 0.02, 0.03]}))
     assert lost.startswith("A on 1: a return of -100%")
+    assert suspicious_entries(pd.DataFrame()) == ()
+
+
+@pytest.mark.parametrize("code", [-0.9999, -0.999])
+def test_codes_of_missing_numbers_are_named(code: float, fresh_rng: np.random.Generator) -> None:
+    returns = pd.DataFrame(fresh_rng.normal(0.01, 0.05, size=(300, 3)), columns=["A", "B", "C"])
+    returns.iloc[[10, 11, 200], 1] = code
+    found = suspicious_entries(returns)
+    assert [
+        each.startswith(f"B on {row}: a return of -100% (-99.99 and -999 often")
+        for each, row in zip(found, (10, 11, 200), strict=True)
+    ]
+    assert len(found) == 3
 
 
 def test_a_backtest_says_it_beside_the_result() -> None:

@@ -88,6 +88,16 @@ def test_no_file_at_all(tmp_path: Path, reader: Any) -> None:
     refused(reader, tmp_path, "is a folder")
     (tmp_path / "file").write_text("x")
     refused(reader, tmp_path / "file" / "under.csv", "cannot be read")
+    refused(reader, tmp_path / ("x" * 300), "cannot be read")
+    for path, said in ((None, "must be given by its path, got NoneType"), ("a\0b", "is no path")):
+        with pytest.raises(InputError, match=said):
+            reader(path)
+
+
+@pytest.mark.parametrize("prices", [pd.Series([1.0, 2.0]), np.ones((3, 2)), pd.DataFrame({"A": ["1", "x"]})])
+def test_prices_that_are_no_table_of_numbers(prices: Any) -> None:
+    with pytest.raises(InputError, match="prices must be"):
+        simple_returns(prices)
 
 
 # ---- cells ----------------------------------------------------------------------------------------

@@ -42,6 +42,7 @@ def test_13f_values_are_thousands_before_and_dollars_from_3_january_2023():
         ({"VALUE": [200_000_000, 100_000_000]}, "2022-11-14", "look like dollars"),
         ({"ACCESSION_NUMBER": ["1", "2"]}, "2022-11-14", "several filings"),
         ({}, "last year", "no day of filing"),
+        ({}, pd.NaT, "the day of filing is missing"),
         ({}, "01-02-2023", "day first or month first"),
     ],
 )
@@ -80,6 +81,29 @@ def filings_13f(folder, filings, issuers=("APPLE INC", "MICROSOFT CORP", "ORACLE
     for name, rows in lines.items():
         (folder / f"{name}.tsv").write_text("\n".join(rows) + "\n")
     return read_13f(folder, cik=7, assets=ASSETS, names=dict(zip(CUSIPS, ASSETS, strict=True)))
+
+
+def test_decimals_are_those_of_the_amounts_and_amendments_of_a_day_are_in_order(tmp_path):
+    def decimals(day, *held):
+        return filings_13f(tmp_path, [("b", day, "13F-HR", "", *held, 0)]).decimals
+
+    # Of two rows of dollars: errors of at most .5 (1 + 2 · 2/3)/9000.
+    assert decimals("14-MAY-2024", 6000, 3000) == 3
+    assert decimals("14-MAY-2024", 6_000_000, 3_000_000) == 6
+    for name, old, new in (("SUBMISSION", "14-MAY-2024", "14-NOV-2022"), ("INFOTABLE", "000000\t", "000\t")):
+        file = tmp_path / f"{name}.tsv"
+        file.write_text(file.read_text().replace(old, new))
+    thousands = read_13f(tmp_path, cik=7, assets=ASSETS, names=dict(zip(CUSIPS, ASSETS, strict=True)))
+    assert thousands.decimals == 3
+    held = (("c", 1000, 0), ("a", 0, 1000))
+    restated = [(number, "14-MAY-2024", "13F-HR/A", "RESTATEMENT", *values, 0) for number, *values in held]
+    filings_13f(tmp_path, [FIRST, *restated])
+    cover = tmp_path / "COVERPAGE.tsv"
+    head, *rows = cover.read_text().splitlines()
+    numbers = {"b": "", "c": "1", "a": "2"}
+    cover.write_text("\n".join([f"{head}\tAMENDMENTNO", *(f"{row}\t{numbers[row[0]]}" for row in rows)]))
+    last = read_13f(tmp_path, cik=7, assets=ASSETS, names=dict(zip(CUSIPS, ASSETS, strict=True)))
+    assert last.frame.to_numpy().tolist() == [[0.0, 1.0, 0.0]]
 
 
 CUSIPS = ("037833100", "594918104", "68389X105")

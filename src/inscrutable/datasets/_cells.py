@@ -17,6 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from inscrutable.errors import InputError
+from inscrutable.files import path_of, reason
 
 _NUMBER = re.compile(
     r"[+-]?(?:\d+(?:\.(?P<fraction>\d*))?|\.(?P<bare>\d+))(?:[eE](?P<exponent>[+-]?\d{1,6}))?", re.ASCII
@@ -61,7 +62,7 @@ def read_text_table(path: str | os.PathLike[str]) -> TextTable:
     Cells are separated by commas; where the header has none, by semicolons, tabs or bars, and numbers may then have decimal
     commas, all of them or none. A first line such as sep=; states the separator.
     """
-    source = Path(path)
+    source = path_of(path, "a CSV file")
     text = _text_of(source)
     stated, separator = _separator(text)
     reader = csv.reader(StringIO(text, newline=""), strict=True, delimiter=separator)
@@ -211,14 +212,16 @@ def _hint(text: str) -> str:
 
 
 def _text_of(source: Path) -> str:
-    if source.is_dir():
-        raise InputError(f"{source} is a folder, expected a CSV file")
     try:
         content = source.read_bytes()
+    except IsADirectoryError:
+        raise InputError(f"{source} is a folder, expected a CSV file") from None
     except FileNotFoundError:
         raise InputError(f"{source} does not exist, expected a CSV file") from None
     except OSError as error:
-        raise InputError(f"{source} cannot be read: {error.strerror or error}") from error
+        raise InputError(f"{source} cannot be read: {reason(error)}") from error
+    except ValueError as error:
+        raise InputError(f"{str(source)!r} is no path: {error}") from None
     if content.startswith(b"PK\x03\x04"):
         raise InputError(f"{source} is a zip archive or an Excel workbook, expected text: save it as CSV (UTF-8)")
     if b"\0" in content:

@@ -82,6 +82,11 @@ def label_index(table: TextTable) -> pd.Index:
     return pd.Index(labels, name=name) if isinstance(labels[0], str) else pd.DatetimeIndex(list(labels), name=name)
 
 
+def is_total(label: str) -> bool:
+    """Return whether a label is that of a sum or a mean of others."""
+    return label.casefold().rstrip(":") in _TOTALS
+
+
 def row_labels(table: TextTable) -> Sequence[datetime] | Sequence[str]:
     """Return the cells of the first column as dates if all are dates, as text if at most half are; else the odd one is refused.
 
@@ -91,7 +96,7 @@ def row_labels(table: TextTable) -> Sequence[datetime] | Sequence[str]:
     for row, label in enumerate(cells):
         if not label:
             raise InputError(f"{table.place(row, 0)}: missing (empty cell), expected a date or a label of the row")
-        if label.casefold().rstrip(":") in _TOTALS:
+        if is_total(label):
             raise InputError(f"{table.place(row, 0)}: {shown(label)} is no row of its own: delete the line")
     days = _reading(table, increasing=False)
     # A number such as 202001 may be a label.

@@ -17,6 +17,8 @@ _MOST_BYTES = 500_000_000
 _ASSIGNED = re.compile(r"(?:\w+\.)?(\w+)\s*=\s*")
 _HARMLESS = re.compile(r"(?:function\b[^\n]*|return|end|define_constants|clear\b[^\n;]*)[ \t]*;?")
 _NUMBER = re.compile(r"[^;\n]*")
+_LINE_END = re.compile(r"\r\n|\r|\n")
+_QUOTED_OR_END = re.compile(r"""'[^'\n]*'|"[^"\n]*"|[]}]""")
 _CLOSING = {"[": "]", "{": "}", "'": "'", '"': '"'}
 _SHOWN = 40
 
@@ -72,7 +74,7 @@ def _plain_text(source: Path) -> str:
     except UnicodeDecodeError:
         text = data.decode("latin-1")  # names in comments
     kept, hidden, carried = [], False, 0
-    for line in text.splitlines():
+    for line in _LINE_END.split(text):  # others, such as a form feed, may stand in a comment
         bare = line.strip()
         hidden = (hidden or bare == "%{") and bare != "%}"
         shown = "" if hidden or bare == "%}" else _without_comment(line)
@@ -86,11 +88,13 @@ def _plain_text(source: Path) -> str:
 
 
 def _without_comment(line: str) -> str:
-    inside = False
+    quote = ""
     for place, character in enumerate(line):
-        if character == "'":
-            inside = not inside
-        elif character == "%" and not inside:
+        if quote:
+            quote = "" if character == quote else quote
+        elif character in "'\"":
+            quote = character
+        elif character == "%":
             return line[:place]
     return line
 
@@ -129,7 +133,8 @@ def _body(text: str, start: int, where: str) -> tuple[str, int]:
         found = _NUMBER.match(text, start)
         assert found is not None
         return found[0], found.end()
-    end = text.find(closing, start + 1)
+    ends = (found.start() for found in _QUOTED_OR_END.finditer(text, start + 1) if found[0] == closing)
+    end = text.find(closing, start + 1) if closing in "'\"" else next(ends, -1)
     if end < 0:
         raise InputError(f"{where} has no closing {closing}; the file is cut off")
     return text[start + 1 : end], end + 1

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from inscrutable import tolerances
 from inscrutable.datasets._cells import TextTable, read_text_table, shown
-from inscrutable.datasets._dates import label_index, row_labels
+from inscrutable.datasets._dates import is_total, label_index, row_labels
 from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, WeightsTable
 from inscrutable.errors import InputError
 from inscrutable.labels import label_text
@@ -61,7 +61,7 @@ class _Amounts:
         self.values, self.halves = np.zeros(size), np.zeros(size)
         self.left, self.left_net, self.left_halves = np.zeros((3, size[0]))
         self.owed: list[str] = []
-        self.are_percent = self.are_weights = False
+        self.are_percent = self.are_weights = self.are_money = False
 
     def add(self, row: int, place: int | None, label: str, cell: _Cell) -> None:
         """Add an amount of an asset, or one that is left out; of those below 0 the labels are kept."""
@@ -76,7 +76,9 @@ class _Amounts:
             self.owed.append(label)
 
     def whole(self) -> float | None:
-        """Return 1 or 100 where all rows sum to that but for the rounding of published weights."""
+        """Return 1 or 100 where all rows sum to that but for the rounding of published weights; money is none."""
+        if self.are_money:
+            return None
         rounding = self.halves.sum(axis=1) + self.left_halves
         for whole in (100.0,) if self.are_percent else (1.0, 100.0):
             allowed = np.maximum(np.minimum(rounding, whole * tolerances.COARSEST_SUM), tolerances.FEASIBILITY)
@@ -91,7 +93,8 @@ class _Amounts:
         # Amounts in dollars may be near 1 or 100 in a row, not also far above.
         near = np.abs(shares - 1.0) <= _NEAR_WHOLE
         is_near = self.are_weights or (near.any() and shares.max() <= 1.0 + _NEAR_WHOLE)
-        return (float(shares.min()), float(shares.max())) if is_near and self.whole() is None else None
+        is_odd = is_near and not self.are_money and self.whole() is None
+        return (float(shares.min()), float(shares.max())) if is_odd else None
 
     def _sums(self) -> NDArray[np.float64]:
         return np.asarray(self.values.sum(axis=1) + self.left_net)
@@ -143,6 +146,7 @@ def read_holdings(
     known = _Names(table, list(map(str, assets)), dict(names or {}))
     is_long = any(name in _TICKERS for name in header) and any(name in (*_VALUES, *_SHARES) for name in header)
     amounts, index = _long(table, header, known) if is_long else _wide(table, known)
+    amounts.are_money |= any("$" in text for texts in (table.header, *table.rows) for text in texts)
     found = _as_weights(table, known, amounts, index)
     return replace(found, missing=() if is_long else known.absent, owed=tuple(dict.fromkeys(amounts.owed)))
 
@@ -176,6 +180,8 @@ class _Names:
             asset = ""
         else:
             same = self._folded.get(label.casefold(), [])
+            if not same and is_total(label):
+                raise InputError(f"{where}: {shown(label)} is no holding: delete its line or column")
             if len(same) != 1:
                 near = get_close_matches(label.casefold(), self._folded, n=1, cutoff=_NEAR)
                 hint = f"; did you mean {self._folded[near[0]][0]!r}?" if near else "."
@@ -261,7 +267,7 @@ def _long(table: TextTable, header: list[str], known: _Names) -> tuple[_Amounts,
             # prices of unlike sizes have unlike digits
             amount = _Cell(count * cell.value, abs(count) * cell.half_unit, False)
         amounts.add(where[row], place, table.rows[row][ticker], amount)
-    amounts.are_percent = True in kinds
+    amounts.are_money, amounts.are_percent = value is None, True in kinds
     amounts.are_weights = amounts.are_percent or (
         value is not None and (header[value] in _WEIGHTS or "%" in table.header[value])
     )
@@ -343,22 +349,31 @@ def _as_weights(table: TextTable, known: _Names, amounts: _Amounts, index: pd.In
         )
     whole = None if left.any() else amounts.whole()
     if whole is None:
-        # w = v/S: an error of h_j in each v moves w_j by no more than (h_j + w_j Σh)/S.
-        moved = (halves + np.abs(values / sums[:, None]) * halves.sum(axis=1, keepdims=True)) / sums[:, None]
-        weights = values / sums[:, None]
+        weights, moved = values / sums[:, None], errors_of_shares(values, halves)
     else:
         moved, weights = halves / whole, values / whole
-    largest = float(moved.max())
-    digits = (
-        FULL_PRECISION_DIGITS if largest <= 0.0 else max(math.floor(round(-math.log10(2.0 * largest), _ACCURATE)), 0)
-    )
     return WeightsTable(
         pd.DataFrame(weights, index=index, columns=pd.Index(known.assets)),
-        digits if digits < FULL_PRECISION_DIGITS else None,
+        decimals_within(moved),
         float(out.max(initial=0.0)),
         tuple(sorted(set(known.left_out))),
         sums=amounts.odd_sums(),
     )
+
+
+def errors_of_shares(values: NDArray[np.float64], halves: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return by how much weights w = v/S (T,U) change at most where amounts v (T,U) change by h: (h_j + w_j Σh)/S."""
+    sums = values.sum(axis=1, keepdims=True)
+    return np.asarray((halves + np.abs(values / sums) * halves.sum(axis=1, keepdims=True)) / sums)
+
+
+def decimals_within(errors: NDArray[np.float64]) -> int | None:
+    """Return the most decimals half a unit of which is no less than any error; None where they are full precision."""
+    largest = float(errors.max())
+    if largest <= 0.0:
+        return None
+    digits = max(math.floor(round(-math.log10(2.0 * largest), _ACCURATE)), 0)
+    return digits if digits < FULL_PRECISION_DIGITS else None
 
 
 def read_map(path: str | os.PathLike[str]) -> dict[str, str]:

@@ -26,7 +26,7 @@ _ISOLATED = 4
 _PIECES, _POLYNOMIAL = 1, 2
 _WIDEST = np.radians(60.0)
 """Default limit of angle differences in PowerModels.jl, where a case has none, or 90 degrees and more."""
-_RIGHT_ANGLE = 90.0
+_RIGHT_ANGLE, _FULL_TURN = 90.0, 360.0
 
 
 def load_matpower(path: PathLike, *, convention: Convention = "powermodels") -> PowerNetwork:
@@ -278,13 +278,12 @@ def _line(values: tuple[float, ...], degrees: Array, convention: Convention, bas
     r, x, rate, tap, shift = values
     least, most = np.radians(degrees)
     if convention == "powermodels":
-        reactance, turned = (r * r + x * x) / x, 0.0
-        unsaid = not degrees.any()
-        least = -_WIDEST if unsaid or degrees[0] <= -_RIGHT_ANGLE else least
-        most = _WIDEST if unsaid or degrees[1] >= _RIGHT_ANGLE else most
+        reactance, turned, widest, turn = (r * r + x * x) / x, 0.0, _WIDEST, _RIGHT_ANGLE
     else:
-        reactance, turned = x * tap, float(np.radians(shift))
-        least, most = (float(side) if side else np.inf * sign for side, sign in ((least, -1.0), (most, 1.0)))
+        reactance, turned, widest, turn = x * tap, float(np.radians(shift)), np.inf, _FULL_TURN
+    unsaid = not degrees.any()
+    least = -widest if unsaid or degrees[0] <= -turn else least
+    most = widest if unsaid or degrees[1] >= turn else most
     flows = sorted(base * (side - turned) / reactance for side in (least, most))
     limit = rate if rate > 0 else np.inf
     return reactance, max(flows[0], -limit), min(flows[1], limit), -base * turned / reactance

@@ -23,6 +23,9 @@ _LISTED = 8
 _RATIOS = (2.0, 3.0, 4.0, 5.0, 10.0)
 """Ratios of share splits and mergers."""
 
+_MISSING_CODE = -0.99
+"""A return of at most this is a total loss, or a code for a missing number, such as -99.99 or -999, divided by 100 or 1,000."""
+
 _AROUND = 24
 """Number of rows for the local scale around a row."""
 
@@ -55,6 +58,8 @@ def suspicious_entries(returns: pd.DataFrame) -> tuple[str, ...]:
         ('A on 2020-11-30: a return of +1200%, where a usual move is 4.1%',)
     """
     values = returns.to_numpy(dtype=np.float64)
+    if not values.size:
+        return ()
     centred = values - np.median(values, axis=0)
     scale = np.array([_scale(column) for column in centred.T])
     beyond = _beyond_belief(values, centred, scale)
@@ -146,12 +151,13 @@ def _scale(centred: Array) -> float:
 def _beyond_belief(values: Array, centred: Array, scale: Array) -> Array:
     """Return which returns (T,U) are too large for any market, or total losses."""
     far = np.abs(centred) > tolerances.SURELY_WRONG_MOVE * np.where(scale > 0, scale, np.inf)
-    return np.asarray(far | (values > tolerances.SURELY_WRONG_RETURN) | (values <= -1.0))
+    return np.asarray(far | (values > tolerances.SURELY_WRONG_RETURN) | (values <= _MISSING_CODE))
 
 
 def _size_text(returns: pd.DataFrame, row: int, column: int, scale: Array) -> str:
     value = float(returns.iloc[:, column].to_numpy()[row])
-    return f"{_place(returns, row, column)}: a return of {value:+.0%}, where a usual move is {scale[column]:.1%}"
+    code = " (-99.99 and -999 often stand for missing numbers)" if value <= _MISSING_CODE else ""
+    return f"{_place(returns, row, column)}: a return of {value:+.0%}{code}, where a usual move is {scale[column]:.1%}"
 
 
 def _splits(values: Array) -> list[tuple[int, int]]:

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from inscrutable import tolerances
+from inscrutable import tolerances, validation
 from inscrutable.datasets._cells import TextTable, decimal_digits, is_number, numbers, read_text_table
 from inscrutable.datasets._dates import date_index, is_date, label_index
 from inscrutable.errors import InputError
@@ -114,9 +114,11 @@ def simple_returns(prices: pd.DataFrame) -> pd.DataFrame:
         >>> simple_returns(pd.DataFrame({"A": [100.0, 110.0, 99.0]})).round(10)["A"].tolist()
         [0.1, -0.1]
     """
+    if not isinstance(prices, pd.DataFrame):
+        raise InputError(f"prices must be a DataFrame with a column per asset, got {type(prices).__name__}")
     if len(prices) < 2:
         raise InputError(f"prices have {len(prices)} row, expected at least 2 to form a return")
-    values = prices.to_numpy(dtype=np.float64)
+    values = validation.real_array(prices.to_numpy(), "prices")
     bad = np.argwhere(~(np.isfinite(values) & (values > 0)))
     if bad.size:
         row, column = (int(i) for i in bad[0])

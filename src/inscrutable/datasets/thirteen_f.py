@@ -18,7 +18,8 @@ import numpy as np
 import pandas as pd
 
 from inscrutable.datasets._dates import unambiguous
-from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, WeightsTable
+from inscrutable.datasets.holdings import decimals_within, errors_of_shares
+from inscrutable.datasets.tables import WeightsTable
 from inscrutable.errors import InputError
 
 IN_DOLLARS = date(2023, 1, 3)
@@ -71,6 +72,8 @@ def dollars_13f(table: pd.DataFrame, *, filed: date | str) -> pd.DataFrame:
         >>> dollars_13f(rows, filed="2022-11-14")["value"].tolist()
         [200000.0]
     """
+    if not isinstance(table, pd.DataFrame):
+        raise InputError(f"the information table must be a DataFrame, got {type(table).__name__}")
     day = _day(filed)
     columns = {key: next((name for name in names if name in table.columns), None) for key, names in _NAMES.items()}
     missing = [_NAMES[key][0] for key in ("cusip", "value", "shares", "kind", "option") if columns[key] is None]
@@ -184,13 +187,17 @@ def read_13f(
     assets_of = dict(zip(_cusips(pd.Series(list(names))), names.values(), strict=True))
     if len(assets_of) < len(names):
         raise InputError("names has a CUSIP twice, once without its zeros or in small letters")
-    rows, index, out = [], [], []
-    # Of filings of one day, "13F-HR" comes before its amendment "13F-HR/A".
-    for period, filings in mine.sort_values(["day", "SUBMISSIONTYPE", "ACCESSION_NUMBER"]).groupby("period"):
-        held: pd.Series = pd.Series(dtype=float)
+    rows, index, out, errors = [], [], [], []
+    mine["amendment"] = pd.to_numeric(mine.get("AMENDMENTNO", pd.Series(dtype=float)), errors="coerce").fillna(0.0)
+    # Of filings of one day, "13F-HR" comes before its amendments "13F-HR/A", these by their numbers.
+    in_order = mine.sort_values(["day", "SUBMISSIONTYPE", "amendment", "ACCESSION_NUMBER"])
+    for period, filings in in_order.groupby("period"):
+        held, halves = pd.Series(dtype=float), pd.Series(dtype=float)
         for _, filing in filings.iterrows():
             table = only_shares(holdings[holdings["ACCESSION_NUMBER"] == filing["ACCESSION_NUMBER"]])
             value = dollars_13f(table, filed=filing["day"])["value"] if len(table) else pd.Series(dtype=float)
+            # Each row is rounded to a dollar, or to a thousand.
+            half = _cusips(table["CUSIP"]).value_counts() * (0.5 if filing["day"] >= IN_DOLLARS else 500.0)
             kind = str(filing.get("AMENDMENTTYPE", "")).upper()
             if filing["SUBMISSIONTYPE"] == "13F-HR/A" and kind not in ("RESTATEMENT", "NEW HOLDINGS"):
                 raise InputError(
@@ -201,16 +208,22 @@ def read_13f(
                     f"{folder}: the amendment {filing['ACCESSION_NUMBER']} adds holdings to a filing of {period} that is not "
                     "in this data set: put the rows of both into one folder"
                 )
-            held = held.add(value, fill_value=0.0) if kind == "NEW HOLDINGS" else value
-        found = np.array([held[[c for c in held.index if assets_of.get(c) == asset]].sum() for asset in assets])
+            is_added = kind == "NEW HOLDINGS"
+            held = held.add(value, fill_value=0.0) if is_added else value
+            halves = halves.add(half, fill_value=0.0) if is_added else half
+        found, half_units = (
+            np.array([each[[c for c in each.index if assets_of.get(c) == asset]].sum() for asset in assets])
+            for each in (held, halves)
+        )
         if not found.sum() > 0:
             raise InputError(f"{folder}: none of the {len(held)} holdings of {period} is one of the model's assets")
         rows.append(found / found.sum())
+        errors.append(errors_of_shares(found[None], half_units[None]))
         index.append(pd.Timestamp(filings["period"].iloc[0]))
         out.append(1.0 - found.sum() / held.sum())
     frame = pd.DataFrame(rows, index=pd.DatetimeIndex(index, name="period"), columns=list(assets))
     left = tuple(sorted({name for name, asset in names.items() if not asset}))
-    return WeightsTable(frame, FULL_PRECISION_DIGITS - 2, float(max(out)), left)
+    return WeightsTable(frame, decimals_within(np.vstack(errors)), float(max(out)), left)
 
 
 def _once(table: pd.DataFrame, path: Path, *more: str) -> pd.DataFrame:
@@ -255,6 +268,8 @@ def _cusips(column: pd.Series) -> pd.Series:
 
 
 def _day(text: Any) -> date:
+    if text is pd.NaT:
+        raise InputError("the day of filing is missing (NaT); expected a day such as 2022-11-14")
     if isinstance(text, datetime):
         return text.date()
     if isinstance(text, date):

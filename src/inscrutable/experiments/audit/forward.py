@@ -35,18 +35,38 @@ class Forward:
         """The first block that counts for a claim."""
         return FIRST_JUDGED - 1
 
+    @property
+    def first(self) -> int:
+        """The first predicted row."""
+        return self.bounds[0][0]
+
+    @property
+    def n_before(self) -> int:
+        """The number of predicted rows before the first judged block."""
+        return self.bounds[self.judged_from][0] - self.first
+
+    def block_of(self) -> np.ndarray:
+        """The block of each predicted row."""
+        return np.repeat(np.arange(len(self.bounds)), [stop - start for start, stop in self.bounds])
+
     def chosen(self) -> np.ndarray:
         """The learner of least squared error on the blocks before, for every shift and block, shape (S,B)."""
         return best_before(self.squares)
 
+    def taken(self) -> Array:
+        """The squared errors of the chosen learners, for every shift and block, shape (S,B)."""
+        return np.asarray(np.take_along_axis(self.squares, self.chosen()[None], axis=0)[0])
+
     def explained(self) -> Array:
         """1 − squared error / squared error of the guess, over the judged blocks so far, by the chosen learners, (S,B')."""
-        judged = slice(self.judged_from, None)
-        taken = np.take_along_axis(self.squares, self.chosen()[None], axis=0)[0]
-        guess = self.guess_squares[:, judged].cumsum(axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = 1.0 - taken[:, judged].cumsum(axis=1) / guess
-        return np.where(guess > 0, share, 0.0)
+        taken, guess = (each[:, self.judged_from :].cumsum(axis=1) for each in (self.taken(), self.guess_squares))
+        return share_explained(taken, guess)
+
+
+def share_explained(taken: Array, guess: Array) -> Array:
+    """Return 1 − squared error / squared error of the guess; 0 where the guess makes no error."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(guess > 0, 1.0 - taken / guess, 0.0)
 
 
 def best_before(losses: Array) -> np.ndarray:

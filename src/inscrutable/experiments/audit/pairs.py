@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Number
 from typing import Any, Literal
 
 import numpy as np
@@ -48,24 +49,22 @@ class PairedRows:
     notes: tuple[str, ...]
 
 
-def paired(secrets: Any, published: Any, lags: Sequence[int], kind: Kind | None) -> PairedRows:
+def paired(secrets: Any, published: Any, lags: tuple[int, ...], kind: Kind | None) -> PairedRows:
     """Return the complete rows; raise `InputError` where the tables disagree or too few rows are left."""
     hidden, shown = _table(secrets, "secrets"), _table(published, "published")
     notes: list[str] = []
-    lags = tuple(lags)
     by_place = _joined_by_place((secrets, published), (hidden, shown))
     hidden, shown, both = _joined_in_order(hidden, shown) if by_place else _aligned(hidden, shown, lags, notes)
     decisions = _decisions(shown, notes)
     # Sort columns by name, so that their order has no effect.
     decisions = decisions[sorted(decisions.columns, key=str)]
-    read = [decisions.shift(-lag) for lag in lags]
-    features = pd.concat(read, axis=1)
-    whole = hidden.notna().all(axis=1).to_numpy() & features.notna().all(axis=1).to_numpy()
+    features = pd.concat([decisions.shift(-lag) for lag in lags], axis=1)
+    known = hidden.reindex(shown.index).notna()
+    whole = known.all(axis=1).to_numpy() & features.notna().all(axis=1).to_numpy()
     edge = max(0, *lags) + max(0, *(-lag for lag in lags))
     if both.all() or lags == (0,):
         _say_missing(int((both & ~whole).sum()), edge, notes)
     else:
-        known = hidden.notna()
         count, blank = int(known.any(axis=1).sum()), int((known.any(axis=1) & ~known.all(axis=1)).sum())
         notes.append(
             f"{count - int(whole.sum())} of {count} rows of secrets have no decision at every lag"
@@ -78,18 +77,21 @@ def paired(secrets: Any, published: Any, lags: Sequence[int], kind: Kind | None)
             f"{by_lags}{int(whole.sum())} rows have a secret, a published decision and nothing missing, expected at least "
             f"{LEAST_ROWS}" + "".join(f"; {note}" for note in notes)
         )
-    targets = tuple(_target(hidden[name][whole], kind, notes) for name in hidden.columns)
-    table, columns, of_lag = features[whole], [*decisions.columns] * len(lags), np.repeat(lags, decisions.shape[1])
-    values = table.to_numpy(dtype=np.float64)
+    rows = shown.index[whole]
+    # Types follow from complete rows: with a missing one, whole numbers would lose digits.
+    complete = hidden.reindex(rows).infer_objects()
+    targets = tuple(_target(complete[name], kind, notes) for name in complete.columns)
+    columns, of_lag = [*decisions.columns] * len(lags), np.repeat(lags, decisions.shape[1])
+    values = features[whole].to_numpy(dtype=np.float64)
     varies = ~validation.constant_columns(values)
     still = sorted({str(name) for name, moves in zip(columns, varies, strict=True) if not moves})
-    if still and varies.any():
-        notes.append(f"left out, since constant: {few(still)}")
     if not varies.any():
         raise InputError(f"published decisions never change: {few(still)}; nothing can be learned from them")
+    if still:
+        notes.append(f"left out, since constant: {few(still)}")
     kept = np.flatnonzero(varies)
     return PairedRows(
-        hidden.index[whole],
+        rows,
         targets,
         values[:, kept],
         tuple(str(columns[k]) for k in kept),
@@ -116,24 +118,34 @@ def _table(value: Any, name: str) -> pd.DataFrame:
     if not table.index.is_unique:
         first = table.index[table.index.duplicated()][0]
         raise InputError(f"{name} has the row label {label_text(first)} twice, expected each once")
-    return table.infer_objects()
+    return table
 
 
 def _joined_by_place(given: Sequence[Any], tables: Sequence[pd.DataFrame]) -> bool:
     """Return whether rows are joined by place: a table is an array, or both count rows from 0, or one does and the other has
-    labels of another type. One that counts from 0 and one from elsewhere, of as many rows, may mean either."""
+    labels of another type; raise `InputError` where both only count rows, from different numbers."""
     if not all(isinstance(each, (pd.DataFrame, pd.Series)) for each in given):
         return True
     bare = [_counts_rows(table) for table in tables]
-    if not any(bare) or any(table.index.inferred_type != "integer" for table in tables):
-        return any(bare)
-    firsts = [table.index.min() for table in tables]
-    if firsts[0] != firsts[1] and len(tables[0]) == len(tables[1]):
+    if all(bare) or (any(bare) and len({table.index.inferred_type for table in tables}) > 1):
+        return True
+    hidden, shown = (table.index for table in tables)
+    firsts = _first_number(hidden), _first_number(shown)
+    # Numbers from 0 or 1 may count rows; others, such as years, are labels.
+    if len(hidden) == len(shown) and np.isfinite(firsts).all() and firsts[0] != firsts[1] and min(firsts) <= 1.0:
         raise InputError(
-            f"rows of secrets are numbered from {firsts[0]}, those of published from {firsts[1]}, and there are as many: give "
-            "both the same numbers, or labels such as dates"
+            f"rows of secrets are numbered {hidden[0]} to {hidden[-1]}, those of published {shown[0]} to {shown[-1]}, so it is "
+            "not known which belong together: use labels such as dates on both, or the same numbers"
         )
-    return all(bare)
+    return False
+
+
+def _first_number(index: pd.Index) -> float:
+    """Return the first of labels that are consecutive numbers, also as text; NaN for others, such as dates."""
+    if index.inferred_type not in ("integer", "floating", "string"):
+        return float("nan")
+    numbers = pd.to_numeric(index.to_numpy(), errors="coerce")
+    return float(numbers[0]) if (np.diff(numbers) == 1).all() else float("nan")
 
 
 def _counts_rows(table: pd.DataFrame) -> bool:
@@ -152,7 +164,7 @@ def _joined_in_order(hidden: pd.DataFrame, shown: pd.DataFrame) -> tuple[pd.Data
 def _aligned(
     hidden: pd.DataFrame, shown: pd.DataFrame, lags: Sequence[int], notes: list[str]
 ) -> tuple[pd.DataFrame, pd.DataFrame, Any]:
-    """Return both tables on the rows of either in order of time, and which of these are in both.
+    """Return the secrets, the decisions on the rows of either table in order of time, and which of these are in both.
 
     Lags count these rows, so that a row without a partner does not move the others. Labels that have no order, such as names,
     leave the rows of `published`.
@@ -187,23 +199,19 @@ def _aligned(
                 f"{lost} of {len(table)} rows of {name} have no partner, such as {label_text(left)}, and are left out"
             )
     index = shown.index.union(hidden.index) if ordered else shown.index
-    # As missing entries make whole numbers floats, and long ones lose digits.
-    whole = {
-        name: kind.name.replace("i", "I").replace("u", "U") for name, kind in hidden.dtypes.items() if kind.kind in "iu"
-    }
-    return hidden.astype(whole).reindex(index), shown.reindex(index), index.isin(common)
+    return hidden, shown.reindex(index), index.isin(common)
 
 
 def _decisions(shown: pd.DataFrame, notes: list[str]) -> pd.DataFrame:
     """Return decisions as numbers: one indicator per choice where choices are words."""
     parts: list[pd.DataFrame] = []
     for name in shown.columns:
-        column = shown[name]
-        if pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column):
-            parts.append(_finite(column, "published", name).to_frame())
+        column = shown[name].infer_objects()
+        if _is_numeric(column):
+            parts.append(_finite(column, "published").to_frame())
             continue
-        words = _words(column, "published", name)
-        _refuse_written_numbers(words, "published", name)
+        words = _words(column, "published")
+        _refuse_written_numbers(words, "published")
         choices = sorted(words.dropna().unique())
         if len(choices) > _MOST_CHOICES:
             raise InputError(
@@ -221,54 +229,63 @@ def _decisions(shown: pd.DataFrame, notes: list[str]) -> pd.DataFrame:
 
 def _target(column: pd.Series, kind: Kind | None, notes: list[str]) -> Target:
     name = str(column.name)
-    numeric = pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
+    numeric = _is_numeric(column)
     if kind == "numbers" and not numeric:
         raise InputError(f"secrets column {name!r} holds no numbers, such as {column.iloc[0]!r}: its kind is classes")
-    values = _finite(column, "secrets", name) if numeric else _words(column, "secrets", name)
+    read = _finite(column, "secrets") if numeric else _words(column, "secrets")
     if not numeric and kind is None:
-        _refuse_written_numbers(values, "secrets", name)
-    is_integer = pd.api.types.is_integer_dtype(column)  # a float has too few digits for long ones
-    read = np.array(column.tolist()) if is_integer else np.asarray(values)
-    distinct = np.unique(read)
+        _refuse_written_numbers(read, "secrets")
+    values = read.to_numpy()
+    distinct = np.unique(values)
     if len(distinct) < 2:
         raise InputError(f"secrets column {name!r} is {distinct[0]} in every row: there is nothing to learn")
-    whole = numeric and len(distinct) <= _MOST_CLASSES and bool((distinct == np.round(distinct.astype(float))).all())
+    whole = numeric and len(distinct) <= _MOST_CLASSES and bool((distinct % 1 == 0).all())
     if kind is None and whole:
         notes.append(f"secrets column {name!r} has {len(distinct)} whole numbers, which are taken for names of classes")
     if (kind or ("classes" if whole or not numeric else "numbers")) == "numbers":
-        return Target(name, "numbers", (), np.asarray(values, dtype=np.float64)[:, None])
+        return Target(name, "numbers", (), values.astype(np.float64)[:, None])
     if len(distinct) > _MOST_CHOICES:
         raise InputError(
             f"secrets column {name!r} has {len(distinct)} different classes, such as {distinct[0]}, expected at most "
             f"{_MOST_CHOICES}"
         )
-    indicators = (read[:, None] == distinct[None]).astype(np.float64)
-    as_written = numeric and not is_integer
-    names = (np.format_float_positional(each, trim="-") if as_written else str(each) for each in distinct)
+    indicators = (values[:, None] == distinct).astype(np.float64)
+    is_float = distinct.dtype.kind == "f"
+    names = (np.format_float_positional(each, trim="-") if is_float else str(each) for each in distinct)
     return Target(name, "classes", tuple(names), indicators)
 
 
-def _finite(column: pd.Series, table: str, name: Any) -> pd.Series:
+def _is_numeric(column: pd.Series) -> bool:
+    return pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
+
+
+def _finite(column: pd.Series, table: str) -> pd.Series:
+    """Return finite floats, or whole numbers as they are: those above 2⁵³ are no floats."""
+    if pd.api.types.is_integer_dtype(column):
+        return column
     numbers = column.astype(np.float64)
     if np.isinf(numbers).any():
         label = column.index[int(np.asarray(np.isinf(numbers)).argmax())]
-        raise InputError(f"{table} column {name!r} is infinite in row {label_text(label)}, expected finite numbers")
+        raise InputError(
+            f"{table} column {str(column.name)!r} is infinite in row {label_text(label)}, expected finite numbers"
+        )
     return numbers
 
 
-def _words(column: pd.Series, table: str, name: Any) -> pd.Series:
-    """Return text, truth values or categories as text; raise `InputError` for a mixture of text and numbers."""
+def _words(column: pd.Series, table: str) -> pd.Series:
+    """Return text, truth values or categories as text; raise `InputError` for a mixture with numbers."""
     held = column.dropna()
-    kinds = {isinstance(each, (int, float, complex)) and not isinstance(each, (bool, np.bool_)) for each in held}
-    if len(kinds) > 1:
-        label, text = next((label, each) for label, each in held.items() if isinstance(each, str))
+    counts = [isinstance(each, Number) and not isinstance(each, (bool, np.bool_)) for each in held]
+    if any(counts) and not all(counts):
+        label, other = held.index[counts.index(False)], held.iloc[counts.index(False)]
         raise InputError(
-            f"{table} column {name!r} has the text {text!r} in row {label_text(label)} among numbers, expected one or the other"
+            f"{table} column {str(column.name)!r} has {other!r} in row {label_text(label)} among numbers, expected one or the "
+            "other"
         )
     return column.map(lambda each: each if pd.isna(each) else str(each)).astype(object)
 
 
-def _refuse_written_numbers(words: pd.Series, table: str, name: Any) -> None:
+def _refuse_written_numbers(words: pd.Series, table: str) -> None:
     """Raise `InputError` for a column of numbers with signs that make them text, such as 5%: as words they lose their order."""
     texts = words.dropna()
     if len(texts) and texts.map(lambda text: bool(_WRITTEN.fullmatch(text.strip()))).all():
@@ -276,8 +293,8 @@ def _refuse_written_numbers(words: pd.Series, table: str, name: Any) -> None:
         if len(marked):
             cure = ", or ask for --kind classes (kind='classes')" if table == "secrets" else ""
             raise InputError(
-                f"{table} column {str(name)!r} has numbers with signs that make them text, such as {marked.iloc[0]!r} in row "
-                f"{label_text(marked.index[0])}: write .05 for 5%, and no currencies or thousands separators{cure}"
+                f"{table} column {str(words.name)!r} has numbers with signs that make them text, such as {marked.iloc[0]!r} in "
+                f"row {label_text(marked.index[0])}: write .05 for 5%, and no currencies or thousands separators{cure}"
             )
 
 

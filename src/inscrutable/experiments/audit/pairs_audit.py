@@ -13,7 +13,7 @@ from inscrutable import tolerances, validation
 from inscrutable.adversaries.learners import learners
 from inscrutable.errors import InputError
 from inscrutable.experiments.audit.bounds import autocorrelations, design_effect, mean_limit, ratio_limit, share_limit
-from inscrutable.experiments.audit.forward import N_BLOCKS, Forward, best_before, learn_forward
+from inscrutable.experiments.audit.forward import N_BLOCKS, Forward, best_before, learn_forward, share_explained
 from inscrutable.experiments.audit.pairs import Kind, PairedRows, Target, paired
 from inscrutable.experiments.audit.results import LEVEL, POWER, BlockScore, PairsAudit, SecretAudit, Telling
 from inscrutable.labels import label_text
@@ -35,9 +35,8 @@ _REPEATS = (
     "{name} repeats itself, so that more than one in twenty shifts leave it as it is: the test cannot find a leak of it, "
     "however large"
 )
-_ROUNDED = (
-    0.01  # rounding may be large beside a number's range; what differs by more than this share of it does not repeat
-)
+_ROUNDED = 0.01
+"""Rounding may be large beside a number's range; what differs by more than this share of it does not repeat."""
 _ALONE = ("ridge, penalty 0.01", "tree")
 """Learners for single columns."""
 
@@ -63,8 +62,8 @@ def audit_pairs(
 
     Args:
         secrets: One or more columns, (T,) or (T,S): numbers, or classes (text, truth values, whole numbers of at most ten
-            values). Labels such as dates join the rows, as do whole numbers unless both tables count rows from 0; an array has
-            no labels, and both tables then need the same number of rows.
+            values). Labels such as dates join the rows, as do whole numbers. Rows are joined by place, and must be as many,
+            where a table is an array, both count rows from 0, or one does and the other has labels of another type.
         published: Decisions, (T,U): numbers, or choices in words.
         lags: Rows from the secret to its decision: 0 the same row, 1 the next one, −1 the one before, counting the rows of
             both tables in order of time.
@@ -81,8 +80,8 @@ def audit_pairs(
         column and lag explains alone.
 
     Raises:
-        InputError: The rows of the tables disagree, fewer than 60 rows are complete, numbers and text are mixed, nothing
-            varies, or scikit-learn is missing.
+        InputError: The rows of the tables disagree or are numbered from different numbers, fewer than 60 rows are complete,
+            numbers and text are mixed, nothing varies, or scikit-learn is missing.
 
     Cost: 2 s for 300 rows of ten columns and one secret, 30 s for 100,000 rows; proportional to the number of secrets.
 
@@ -108,14 +107,14 @@ def audit_pairs(
     streams = dict(zip(sorted(each.name for each in pairs.targets), source.spawn(len(pairs.targets)), strict=True))
     runs = [learn_forward(pairs.features, each.values, draw, apart, makers) for each in pairs.targets]
     p_values, detectable = _judged(np.stack([run.explained() for run in runs]))
-    repeats = np.array([_repeats(each, draw) for each in pairs.targets]) & (p_values[:, -1] > 1.0 - LEVEL)
+    repeats = (p_values[:, -1] > 1.0 - LEVEL) & [_repeats(each, draw) for each in pairs.targets]
     detectable = np.where(repeats, 1.0, detectable)
     level = 1.0 - (1.0 - LEVEL) / len(runs)
     found = [
         _finding(pairs, target, run, judged, apart, level, streams[target.name])
         for target, run, judged in zip(pairs.targets, runs, zip(p_values, detectable, strict=True), strict=True)
     ]
-    judged = len(pairs.index) - runs[0].bounds[runs[0].judged_from][0]
+    judged = len(pairs.index) - runs[0].first - runs[0].n_before
     notes = (
         *pairs.notes,
         *_before(asked),
@@ -246,17 +245,17 @@ def _finding(
     rng: np.random.Generator,
 ) -> SecretAudit:
     p_values, detectable = judged
-    first = run.bounds[0][0]
-    truth, n_before = target.values[first:], run.bounds[run.judged_from][0] - first
+    truth, n_before = target.values[run.first :], run.n_before
     losses = _losses(target, np.concatenate([run.guesses[None], run.predictions]), truth)
     taken, guess = _taken(run, losses), losses[0]
     is_found = bool(p_values[-1] <= 1.0 - LEVEL)
     limits = [_limit(target, taken[n_before:], level, rng)]
     # Without a finding, the limit is the error without decisions.
     limits += [] if is_found else [_limit(target, guess[n_before:], level, rng)]
-    unit = np.sqrt if target.kind == "numbers" else float
+    # The lower limit on the best observer's R², 1 − mean squared error / variance of the secret.
+    variance = (truth[n_before:, 0] - truth[n_before:, 0].mean()) ** 2
     is_sought = is_found and target.kind == "numbers"
-    least = _least_explained(truth[n_before:, 0], taken[n_before:], level, rng) if is_sought else 0.0
+    least = 1.0 - ratio_limit(taken[n_before:], variance, level, rng) if is_sought else 0.0
     since, noticed = _when(pairs, run, truth, p_values) if is_found else ("", "")
     return SecretAudit(
         name=target.name,
@@ -264,9 +263,9 @@ def _finding(
         classes=target.classes,
         is_found=is_found,
         p_value=float(p_values[-1]),
-        error=float(unit(taken[n_before:].mean())),
-        error_limit=float(unit(max(limits))),
-        guess_error=float(unit(guess[n_before:].mean())),
+        error=_error(target, taken[n_before:].mean()),
+        error_limit=_error(target, max(limits)),
+        guess_error=_error(target, guess[n_before:].mean()),
         explained=float(run.explained()[0, -1]),
         explained_limit=least,
         detectable=float(detectable),
@@ -286,26 +285,23 @@ def _losses(target: Target, predictions: Array, truth: Array) -> Array:
 
 def _taken(run: Forward, losses: Array) -> Array:
     """Return the losses of the learner of least loss on earlier blocks; the guess without decisions is one learner."""
-    ends = np.array([stop for _, stop in run.bounds]) - run.bounds[0][0]
-    sums = np.diff(np.concatenate([np.zeros((len(losses), 1)), losses.cumsum(axis=1)[:, ends - 1]], axis=1), axis=1)
+    sums = np.add.reduceat(losses, [start - run.first for start, _ in run.bounds], axis=1)
     chosen = best_before(sums[:, None])[0]
-    block_of = np.repeat(np.arange(len(ends)), np.diff(np.concatenate([[0], ends])))
-    return np.asarray(losses[chosen[block_of], np.arange(losses.shape[1])])
+    return np.asarray(losses[chosen[run.block_of()], np.arange(losses.shape[1])])
+
+
+def _error(target: Target, loss: float) -> float:
+    """Return a mean loss as an error: the share wrong, or the root mean square."""
+    return float(np.sqrt(loss) if target.kind == "numbers" else loss)
 
 
 def _limit(target: Target, losses: Array, level: float, rng: np.random.Generator) -> float:
     return share_limit(losses, level) if target.kind == "classes" else mean_limit(losses, level, rng)
 
 
-def _least_explained(truth: Array, losses: Array, level: float, rng: np.random.Generator) -> float:
-    """Return the lower limit on the best observer's R², 1 − mean squared error / variance of the secret."""
-    return 1.0 - ratio_limit(losses, (truth - truth.mean()) ** 2, level, rng)
-
-
 def _gains(run: Forward, truth: Array) -> tuple[Array, Array]:
     """Return by row the guess's squared error minus the chosen learner's, and the guess's."""
-    block_of = np.repeat(np.arange(len(run.bounds)), [stop - start for start, stop in run.bounds])
-    predicted = run.predictions[run.chosen()[0][block_of], np.arange(len(truth))]
+    predicted = run.predictions[run.chosen()[0][run.block_of()], np.arange(len(truth))]
     guess = ((truth - run.guesses) ** 2).sum(axis=1)
     return np.asarray(guess - ((truth - predicted) ** 2).sum(axis=1)), np.asarray(guess)
 
@@ -313,27 +309,20 @@ def _gains(run: Forward, truth: Array) -> tuple[Array, Array]:
 def _when(pairs: PairedRows, run: Forward, truth: Array, p_values: Array) -> tuple[str, str]:
     """Return the row since which decisions leak (least summed gain), and the row from which the p-value stays low."""
     total = np.concatenate([[0.0], _gains(run, truth)[0].cumsum()])
-    start = run.bounds[0][0] + int(total[:-1].argmin())
+    start = run.first + int(total[:-1].argmin())
     high = np.flatnonzero(p_values > 1.0 - LEVEL)
     block = run.judged_from + (int(high[-1]) + 1 if len(high) else 0)
     return label_text(pairs.index[start]), label_text(pairs.index[run.bounds[block][1] - 1])
 
 
 def _scores(pairs: PairedRows, target: Target, run: Forward, losses: tuple[Array, Array]) -> tuple[BlockScore, ...]:
-    shares, chosen, first = _block_shares(run), run.chosen()[0], run.bounds[0][0]
-    root = np.sqrt if target.kind == "numbers" else float
+    shares, chosen = share_explained(run.taken()[0], run.guess_squares[0]), run.chosen()[0]
     found = []
     for b, (start, stop) in enumerate(run.bounds):
-        error, guess = (float(root(each[start - first : stop - first].mean())) for each in losses)
+        error, guess = (_error(target, each[start - run.first : stop - run.first].mean()) for each in losses)
         labels = label_text(pairs.index[start]), label_text(pairs.index[stop - 1])
         found.append(BlockScore(*labels, error, guess, float(shares[b]), run.names[chosen[b]], b >= run.judged_from))
     return tuple(found)
-
-
-def _block_shares(run: Forward) -> Array:
-    taken = np.take_along_axis(run.squares[:, 0], run.chosen()[:1], axis=0)[0]
-    guess = run.guess_squares[0]
-    return np.where(guess > 0, 1.0 - taken / np.where(guess > 0, guess, 1.0), 0.0)
 
 
 def _sources(pairs: PairedRows, target: Target, embargo: int) -> tuple[Telling, ...]:
@@ -347,8 +336,7 @@ def _sources(pairs: PairedRows, target: Target, embargo: int) -> tuple[Telling, 
     found = []
     for kind, name, places in parts:
         run = learn_forward(pairs.features[:, places], target.values, np.zeros(1, dtype=np.intp), embargo, makers)
-        n_before = run.bounds[run.judged_from][0] - run.bounds[0][0]
-        gains, guess = (each[n_before:] for each in _gains(run, target.values[run.bounds[0][0] :]))
+        gains, guess = (each[run.n_before :] for each in _gains(run, target.values[run.first :]))
         share, error, total = 0.0, 0.0, float(guess.sum())
         if total > 0:  # else the guess makes no error, and there is nothing to explain
             share = float(gains.sum()) / total

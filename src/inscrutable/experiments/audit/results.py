@@ -176,19 +176,8 @@ class PairsAudit(Summarised, Saved):
 
     def frame(self) -> pd.DataFrame:
         """Return one row per secret, errors as shares wrong or in the secret's unit."""
-        names = (
-            "name",
-            "kind",
-            "is_found",
-            "p_value",
-            "error",
-            "error_limit",
-            "guess_error",
-            "explained",
-            "explained_limit",
-            "detectable",
-        )
-        rows = [{name: getattr(each, name) for name in (*names, "since", "noticed")} for each in self.secrets]
+        names = [field.name for field in fields(SecretAudit) if field.name not in ("classes", "sources", "blocks")]
+        rows = [{name: getattr(each, name) for name in names} for each in self.secrets]
         return pd.DataFrame(rows).set_index("name")
 
     def source_frame(self) -> pd.DataFrame:

@@ -131,7 +131,7 @@ def repeated_laws() -> Iterator[None]:
     def law(world: Any, resolution: int, *, rng: np.random.Generator) -> Any:
         sensor = world.emission
         parts = (world.transition, world.initial, sensor.means, sensor.covariances)
-        key = (*(each.tobytes() for each in parts), resolution, repr(rng.bit_generator.state))
+        key = (*(each.tobytes() for each in parts), world.names, resolution, repr(rng.bit_generator.state))
         if key not in laws:
             laws[key] = simulate(world, resolution, rng=rng)
         return laws[key]

@@ -568,6 +568,26 @@ def test_a_problem_and_a_world_with_other_states_are_refused(order: list[str] | 
             ask()
 
 
+@pytest.mark.parametrize("order", [STATES, STATES[::-1], None], ids=str)
+def test_a_law_of_beliefs_keeps_the_names_of_its_world(order: list[str] | None, tmp_path: Path) -> None:
+    world, rng = ins.HiddenMarkovModel(STEADY.to_numpy(), SYMBOLS, names=order), np.random.default_rng(0)
+    made = ins.filtered_prior(world, 4, rng=rng, n_steps=2000)
+    made.save(tmp_path / "prior.npz")
+    for law in (made, ins.Prior.load(tmp_path / "prior.npz"), ins.predicted_prior(world, 4, rng=rng, n_steps=2000)):
+        asks: list[Callable[[ins.Prior], Any]] = [
+            lambda prior: ins.mechanism(ins.OriginalDecisionMaker(CHOICES), prior),
+            lambda prior: ins.StackelbergDecisionMaker(CHOICES, 0.1, prior=prior),
+            lambda prior: ins.NearOptimalAdversary(CHOICES, 0.1, prior=prior),
+            lambda prior: ins.least_regret(CHOICES, prior, [ins.PointwiseLeakageCap(nats=0.5)]),
+        ]
+        for ask in asks:
+            if order != STATES[::-1]:
+                ask(law)
+                continue
+            with pytest.raises(InputError, match=r"the prior has the state labels .* expected the same ones"):
+                ask(law)
+
+
 @pytest.mark.parametrize("value", NO_TABLES, ids=lambda value: type(value).__name__)
 @pytest.mark.parametrize(
     ("name", "ask"), [(name, ask) for name, _, ask in ENTRIES], ids=[name for name, _, _ in ENTRIES]

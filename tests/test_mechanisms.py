@@ -219,8 +219,15 @@ def test_input_is_checked():
         mechanism(OriginalDecisionMaker(problem), [[0.5, 0.6]])
     with pytest.raises(InputError, match="at least one belief"):
         mechanism(OriginalDecisionMaker(problem), np.zeros((0, 2)))
-    with pytest.raises(InputError, match=r"pass prior\.beliefs"):
-        mechanism(OriginalDecisionMaker(problem), uniform_prior(2, 2))
+    with pytest.raises(InputError, match="the prior has 3 states, the problem 2"):
+        mechanism(OriginalDecisionMaker(problem), uniform_prior(3, 2))
+
+
+def test_a_prior_gives_its_beliefs():
+    maker, prior = OriginalDecisionMaker(belief_problem(2)), uniform_prior(2, 4)
+    found, same = mechanism(maker, prior), mechanism(maker, prior.beliefs)
+    assert np.array_equal(found.beliefs, same.beliefs)
+    assert np.array_equal(found.probabilities, same.probabilities)
 
 
 @pytest.mark.parametrize(

@@ -147,7 +147,7 @@ class PriorReader(SetObserver):
         self, problem: DecisionProblem, prior: Prior | None, disclosure: Disclosure | str | None, candidates: Any
     ) -> None:
         super().__init__(problem, disclosure, candidates)
-        self.prior = None if prior is None else checked_prior(prior, problem.n_states)
+        self.prior = None if prior is None else checked_prior(prior, problem)
 
     @abstractmethod
     def infer(self, action: ArrayLike) -> NearOptimalBeliefs | AffordableBeliefs | ShownBeliefs:

@@ -54,7 +54,7 @@ class Setting:
         and the best constant decision."""
         chain = given if isinstance(given, BeliefChain) else None
         n_states = checked_problem(problem).n_states
-        prior = checked_prior(given if chain is None else chain.prior, n_states)
+        prior = checked_prior(given if chain is None else chain.prior, problem)
         if candidates is None:
             resolution = 1
             while n_states > 1 and grid_size(n_states, resolution) < len(prior):

@@ -13,7 +13,7 @@ from scipy import sparse
 from inscrutable import tolerances, validation
 from inscrutable.axes import Axis, ordered_array
 from inscrutable.errors import InputError
-from inscrutable.mechanisms.priors import Prior
+from inscrutable.mechanisms.priors import Prior, checked_prior
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem
 from inscrutable.saved import Saved, Summarised
@@ -181,7 +181,7 @@ def stochastic_table(table: Any) -> Any:
 
 
 def mechanism(
-    decision_maker: PlaysMany, beliefs: ArrayLike, candidates: HasActions | ArrayLike | None = None
+    decision_maker: PlaysMany, beliefs: ArrayLike | Prior, candidates: HasActions | ArrayLike | None = None
 ) -> Mechanism:
     """Return the randomised mechanism K(u|π) of a decision maker on some beliefs.
 
@@ -190,7 +190,7 @@ def mechanism(
 
     Args:
         decision_maker: Anything with `problem` and `decide_many`, such as `OriginalDecisionMaker(problem)`.
-        beliefs: π_b, shape (B,X).
+        beliefs: π_b, shape (B,X), or the prior that has them.
         candidates: Decisions to list first, in their order, even with probability 0: `Candidates`, or feasible decisions
             (M,U); None lists only decisions of positive probability.
 
@@ -209,9 +209,8 @@ def mechanism(
         [0 1] [[1.0, 0.0], [0.0, 1.0]]
     """
     problem = checked_memoryless(decision_maker).problem
-    if isinstance(beliefs, Prior):
-        raise InputError("beliefs must be an array (B,X), got a Prior: pass prior.beliefs")
-    held = validation.many_beliefs(beliefs, problem.n_states, names=problem.state_names)
+    given = checked_prior(beliefs, problem).beliefs if isinstance(beliefs, Prior) else beliefs
+    held = validation.many_beliefs(given, problem.n_states, names=problem.state_names)
     points, row, number, share = atoms_of(decision_maker, held)
     listed = np.empty((0, points.shape[-1])) if candidates is None else _listed(problem, candidates)
     everything = np.vstack([listed, points])

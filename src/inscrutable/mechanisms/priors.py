@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable import tolerances, validation
-from inscrutable.axes import Axis
+from inscrutable.axes import Axis, Names, check_same_order
 from inscrutable.errors import InputError, ModelError
 from inscrutable.filtering import filter_beliefs
 from inscrutable.geometry import simplex_grid
 from inscrutable.mechanisms.cycles import balanced_weights
 from inscrutable.mechanisms.same_actions import first_same
+from inscrutable.problems import DecisionProblem
 from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
@@ -35,6 +36,7 @@ class Prior(Summarised, Saved):
     Args:
         beliefs: Points π_b, shape (B,X).
         weights: Their probabilities w_b, shape (B,).
+        state_names: Labels of the states, with which labelled beliefs are aligned; None where there are none.
 
     Raises:
         InputError: A belief is no probability vector, a weight is negative, or the weights do not sum to one.
@@ -49,10 +51,11 @@ class Prior(Summarised, Saved):
 
     beliefs: Array
     weights: Array
+    state_names: Names | None = None
 
     def __post_init__(self) -> None:
-        rows = Axis("belief", learns=True)
-        beliefs = validation.stochastic_rows(self.beliefs, "prior beliefs", axes=(rows, Axis("state")))
+        rows, states = Axis("belief", learns=True), Axis("state", self.state_names)
+        beliefs = validation.stochastic_rows(self.beliefs, "prior beliefs", axes=(rows, states))
         weights = validation.stochastic_rows(self.weights, "prior weights", ndim=1, axes=(rows,))
         if not len(beliefs) or len(beliefs) != len(weights):
             raise InputError(
@@ -189,28 +192,30 @@ def predicted(prior: Prior, world: HiddenMarkovModel) -> tuple[Prior, np.ndarray
 
     Points that become one, because the transition has equal rows or others that depend on each other, are one.
     """
-    return _merged(prior.beliefs @ world.transition, prior.weights)
+    return _merged(prior.beliefs @ world.transition, prior.weights, world.names)
 
 
 def without_copies(prior: Prior) -> Prior:
     """Return a prior that lists every belief once, with all its weight; itself where it does."""
-    found, _ = _merged(prior.beliefs, prior.weights)
+    found, _ = _merged(prior.beliefs, prior.weights, prior.state_names)
     return prior if len(found) == len(prior) else found
 
 
-def _merged(beliefs: Array, weights: Array) -> tuple[Prior, np.ndarray]:
+def _merged(beliefs: Array, weights: Array, names: Names | None) -> tuple[Prior, np.ndarray]:
     """Return the law of beliefs (B,X) with weights (B,), equal ones joined, and the place of each there."""
     first, place = np.unique(first_same(beliefs, tolerances.SAME_BELIEF), return_inverse=True)
     joined: Array = np.bincount(place, weights=weights).astype(np.float64)
-    return Prior(beliefs[first], joined), place
+    return Prior(beliefs[first], joined, names), place
 
 
-def checked_prior(prior: Any, n_states: int | None = None) -> Prior:
-    """Return a prior, over a problem's states where their number is given; raise `InputError` otherwise."""
+def checked_prior(prior: Any, problem: DecisionProblem | None = None) -> Prior:
+    """Return a prior, over the states of a problem where one is given; raise `InputError` otherwise."""
     if not isinstance(prior, Prior):
         raise InputError(f"prior must be a Prior such as uniform_prior(3, 30), got {prior!r}")
-    if n_states is not None and prior.beliefs.shape[1] != n_states:
-        raise InputError(f"the prior has {prior.beliefs.shape[1]} states, the problem {n_states}")
+    if problem is not None:
+        if prior.beliefs.shape[1] != problem.n_states:
+            raise InputError(f"the prior has {prior.beliefs.shape[1]} states, the problem {problem.n_states}")
+        check_same_order("state", ("the prior", prior.state_names), ("the problem", problem.state_names))
     return prior
 
 
@@ -244,7 +249,7 @@ def grid_visits(world: HiddenMarkovModel, resolution: int, *, rng: np.random.Gen
     weights = balanced_weights(place, beliefs, world.transition)
     law = np.bincount(place, weights=weights)
     read = None if path.public is None else path.public[skipped:]
-    return GridVisits(Prior(numbers / resolution, law / law.sum()), place, weights, read)
+    return GridVisits(Prior(numbers / resolution, law / law.sum(), world.names), place, weights, read)
 
 
 def _long_run_shares(world: HiddenMarkovModel) -> Array:

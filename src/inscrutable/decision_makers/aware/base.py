@@ -73,7 +73,7 @@ class AwareDecisionMaker(Described, ABC, Generic[Solution]):
     ) -> None:
         self.problem = checked_problem(problem)
         self.budget = as_budget(budget)
-        self.prior = without_copies(checked_prior(prior, self.problem.n_states))
+        self.prior = without_copies(checked_prior(prior, self.problem))
         self.options, self.guarantees = options, guarantees
         self._given = candidates
         self._columns: Columns | None = None

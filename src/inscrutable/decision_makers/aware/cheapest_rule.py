@@ -189,7 +189,7 @@ def least_regret(
         (0.094, 0.094)
     """
     checked_problem(problem)
-    held = without_copies(checked_prior(prior, problem.n_states))
+    held = without_copies(checked_prior(prior, problem))
     search = RegretSearch(problem, held, candidates, validation.positive(gap, "gap"))
     return search.found(checked_guarantees(guarantees))
 

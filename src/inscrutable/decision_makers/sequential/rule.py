@@ -32,6 +32,7 @@ from inscrutable.kernels.threads import one_blas_thread
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.chains import BeliefChain, filtered_chain
 from inscrutable.mechanisms.disclosures import Disclosure
+from inscrutable.mechanisms.priors import checked_prior
 from inscrutable.privacy import Loss
 from inscrutable.privacy.losses import loss_of_rule
 from inscrutable.problems import DecisionProblem, checked_problem
@@ -366,8 +367,7 @@ def _checked_chain(chain: Any, made: Any, problem: DecisionProblem) -> BeliefCha
     chain = made if chain is None else chain
     if not isinstance(chain, BeliefChain):
         raise InputError(f"chain must be a BeliefChain such as filtered_chain makes of a world, got {chain!r}")
-    if chain.prior.beliefs.shape[1] != problem.n_states:
-        raise InputError(f"the chain has {chain.prior.beliefs.shape[1]} states, the problem {problem.n_states}")
+    checked_prior(chain.prior, problem)
     return chain
 
 

@@ -673,6 +673,7 @@ def test_dollars_that_add_up_to_about_100_are_no_percentages(tmp_path: Path) -> 
     for text, held in (
         ("ticker,shares,price\nA,3,20\nB,2,10\nC,1,22\n", [60, 20, 22]),
         ('ticker,"market value ($)"\nA,83\nB,18\nC,0\n', [83, 18, 0]),
+        ("ticker,dollars\nA,83\nB,18\nC,0\n", [83, 18, 0]),
         ("ticker,value\nA,$34\nB,$34\nC,$34\n", [34, 34, 34]),
         ("A,B,C\n$83,$18,$0\n", [83, 18, 0]),
     ):

@@ -14,6 +14,7 @@ _PLAIN = {int, float, bool, str, type(None), np.ndarray, np.float64, np.int64}
 """Types without labels; the types in a list decide for the list."""
 _SIDES = ("index", "columns")
 _NUMBERINGS = (("", 0), ("", 1), ("regime ", 1))
+"""Words before the numbers of places, and the first number; pandas and this library write the first and the last."""
 
 
 class Axis:

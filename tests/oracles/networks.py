@@ -27,7 +27,8 @@ def random_case(rng: np.random.Generator, n_buses: int) -> dict[str, Any]:
     branch[:, 8], branch[:, 9] = rng.choice([0.0, 0.95, 1.1], len(pairs)), rng.choice([0.0, 0.0, 3.0], len(pairs))
     branch[:, 10] = 1
     branch[n_buses:, 10] = rng.random(len(pairs) - n_buses) > 0.2
-    branch[:, 11], branch[:, 12] = -30, rng.choice([15.0, 30.0, 360.0], len(pairs))
+    branch[:, 11] = rng.choice([-30.0, -30.0, -360.0], len(pairs))
+    branch[:, 12] = rng.choice([0.0, 15.0, 30.0, 360.0], len(pairs))
     branch[rng.random(len(pairs)) < 0.3, 11:13] = 0
     n = n_buses // 2 + 2
     gen = np.zeros((n + 1, 10))
@@ -91,7 +92,8 @@ def optimum_by_angles(case: dict[str, Any], convention: str) -> tuple[float, np.
             low, high = (-60.0, 60.0) if not row[11:13].any() else (low, high)
         else:
             flow = 100.0 * (difference - np.radians(row[9])) / (row[3] * (row[8] or 1.0))
-            low, high = row[11] or -1e4, row[12] or 1e4
+            low, high = (-1e4 if row[11] <= -360 else row[11]), (1e4 if row[12] >= 360 else row[12])
+            low, high = (-1e4, 1e4) if not row[11:13].any() else (low, high)
         rows += [difference <= np.radians(high), difference >= np.radians(low)]
         if row[5] > 0:
             rows += [flow <= row[5], flow >= -row[5]]

@@ -24,7 +24,7 @@ from inscrutable.labels import label_text
 _CASH = {"cash", "usd", "eur", "money market", "cash and equivalents", "cash & equivalents", "cash_usd"}
 _TICKERS, _VALUES = ("ticker", "symbol", "asset"), ("value", "market value", "dollars", "weight", "percent")
 _SHARES, _PRICES = ("shares", "quantity", "units"), ("price", "close")
-_WEIGHTS = ("weight", "percent")
+_WEIGHTS, _MONEY = ("weight", "percent"), ("market value", "dollars")
 _UNIT = re.compile(r"\s*\([^)]*\)$")  # as in "weight (%)" and "market value ($)"
 _LONG = {*_TICKERS, *_VALUES, *_SHARES, *_PRICES, "date"}
 _AMOUNT = re.compile(
@@ -267,10 +267,11 @@ def _long(table: TextTable, header: list[str], known: _Names) -> tuple[_Amounts,
             # prices of unlike sizes have unlike digits
             amount = _Cell(count * cell.value, abs(count) * cell.half_unit, False)
         amounts.add(where[row], place, table.rows[row][ticker], amount)
-    amounts.are_money, amounts.are_percent = value is None, True in kinds
+    amounts.are_percent = True in kinds
     amounts.are_weights = amounts.are_percent or (
         value is not None and (header[value] in _WEIGHTS or "%" in table.header[value])
     )
+    amounts.are_money = value is None or (header[value] in _MONEY and not amounts.are_weights)
     return amounts, index
 
 

@@ -37,9 +37,11 @@ def load_matpower(path: PathLike, *, convention: Convention = "powermodels") -> 
     - "powermodels": b (θ_f − θ_t), b = x/(r² + x²). Taps and shifts are ignored; a line without reactance has no flow; angles
       differ by at most 60° where the case has no limit, or one of 90° and more. Parallel transformers of opposite orientation
       get the orientation of the last one; r and x of a reversed one are multiplied by its squared tap.
-    - "matpower": (θ_f − θ_t − φ)/(x·tap). Angles are limited only where the case has limits.
+    - "matpower": (θ_f − θ_t − φ)/(x·tap). Angles are limited only where the case has limits: −360° and below, and 360° and
+      above, are none.
 
-    Elements out of service and isolated buses are left out. Shunt conductances Gs are loads. A limit of 0 or Inf is none.
+    Elements out of service and isolated buses are left out. Shunt conductances Gs are loads. A limit of 0 MW or Inf is none,
+    and so are two angle limits of 0; one of 0 beside another is a limit.
     Labels of buses are the case's numbers. A generator with piecewise linear costs becomes one unit per piece at the same bus.
 
     Args:
@@ -258,7 +260,7 @@ class CaseTables:
                 what = f"a limit of {rate:g} MW" if not rate >= 0 else f"bus {start:g} at both ends"
                 raise InputError(f"{self._at('branch', row)}: a branch has {what}")
             low, high = angles[row]
-            if low > high and high:
+            if low > high:
                 raise InputError(
                     f"{self._at('branch', row)}: the angle limits of a branch, {low:g} and {high:g} degrees, exclude each other"
                 )

@@ -192,25 +192,7 @@ def read_13f(
     # Of filings of one day, "13F-HR" comes before its amendments "13F-HR/A", these by their numbers.
     in_order = mine.sort_values(["day", "SUBMISSIONTYPE", "amendment", "ACCESSION_NUMBER"])
     for period, filings in in_order.groupby("period"):
-        held, halves = pd.Series(dtype=float), pd.Series(dtype=float)
-        for _, filing in filings.iterrows():
-            table = only_shares(holdings[holdings["ACCESSION_NUMBER"] == filing["ACCESSION_NUMBER"]])
-            value = dollars_13f(table, filed=filing["day"])["value"] if len(table) else pd.Series(dtype=float)
-            # Each row is rounded to a dollar, or to a thousand.
-            half = _cusips(table["CUSIP"]).value_counts() * (0.5 if filing["day"] >= IN_DOLLARS else 500.0)
-            kind = str(filing.get("AMENDMENTTYPE", "")).upper()
-            if filing["SUBMISSIONTYPE"] == "13F-HR/A" and kind not in ("RESTATEMENT", "NEW HOLDINGS"):
-                raise InputError(
-                    f"{folder}: the amendment {filing['ACCESSION_NUMBER']} says neither RESTATEMENT nor NEW HOLDINGS"
-                )
-            if kind == "NEW HOLDINGS" and filing["ACCESSION_NUMBER"] == filings["ACCESSION_NUMBER"].iloc[0]:
-                raise InputError(
-                    f"{folder}: the amendment {filing['ACCESSION_NUMBER']} adds holdings to a filing of {period} that is not "
-                    "in this data set: put the rows of both into one folder"
-                )
-            is_added = kind == "NEW HOLDINGS"
-            held = held.add(value, fill_value=0.0) if is_added else value
-            halves = halves.add(half, fill_value=0.0) if is_added else half
+        held, halves = _reported(filings, holdings, folder)
         found, half_units = (
             np.array([each[[c for c in each.index if assets_of.get(c) == asset]].sum() for asset in assets])
             for each in (held, halves)
@@ -224,6 +206,30 @@ def read_13f(
     frame = pd.DataFrame(rows, index=pd.DatetimeIndex(index, name="period"), columns=list(assets))
     left = tuple(sorted({name for name, asset in names.items() if not asset}))
     return WeightsTable(frame, decimals_within(np.vstack(errors)), float(max(out)), left)
+
+
+def _reported(filings: pd.DataFrame, holdings: pd.DataFrame, folder: Path) -> tuple[pd.Series, pd.Series]:
+    """Return the dollars by CUSIP that the filings of a period, in order, report in the end, and by how much rounding changed
+    them at most."""
+    held, halves = pd.Series(dtype=float), pd.Series(dtype=float)
+    for place, (_, filing) in enumerate(filings.iterrows()):
+        number = filing["ACCESSION_NUMBER"]
+        table = only_shares(holdings[holdings["ACCESSION_NUMBER"] == number])
+        value = dollars_13f(table, filed=filing["day"])["value"] if len(table) else pd.Series(dtype=float)
+        # Each row is rounded to a dollar, or to a thousand.
+        half = _cusips(table["CUSIP"]).value_counts() * (0.5 if filing["day"] >= IN_DOLLARS else 500.0)
+        kind = str(filing.get("AMENDMENTTYPE", "")).upper()
+        is_added = kind == "NEW HOLDINGS"
+        if filing["SUBMISSIONTYPE"] == "13F-HR/A" and not is_added and kind != "RESTATEMENT":
+            raise InputError(f"{folder}: the amendment {number} says neither RESTATEMENT nor NEW HOLDINGS")
+        if is_added and not place:
+            raise InputError(
+                f"{folder}: the amendment {number} adds holdings to a filing of {filing['period']} that is not in this data "
+                "set: put the rows of both into one folder"
+            )
+        held = held.add(value, fill_value=0.0) if is_added else value
+        halves = halves.add(half, fill_value=0.0) if is_added else half
+    return held, halves
 
 
 def _once(table: pd.DataFrame, path: Path, *more: str) -> pd.DataFrame:

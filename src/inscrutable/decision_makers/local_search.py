@@ -191,10 +191,8 @@ def _run(search: _Search, watched: _Watched, start: Array) -> None:
         trials = around + free @ v
         losses, excess = watched.losses(trials, search.judged(trials))
         gradient = np.array([(loss - losses[0]) / _DIFFERENCE for loss in losses[1:]])
-        rules, slopes = (
-            np.append(-excess / scale, room - normals @ v),
-            np.vstack([search.slope(trials[0]) @ free / -scale, -normals]),
-        )
+        rules = np.append(-excess / scale, room - normals @ v)
+        slopes = np.vstack([search.slope(trials[0]) @ free / -scale, -normals])
         return losses[0], gradient, rules, slopes
 
     def loss(v: Array) -> Any:

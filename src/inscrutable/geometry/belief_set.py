@@ -15,6 +15,7 @@ from inscrutable.axes import Axis, Names
 from inscrutable.errors import InputError, SolverError
 from inscrutable.geometry.hulls import affine_hulls, described_sets, members_of_sets, sum_zero_basis
 from inscrutable.geometry.polytopes import (
+    MOST_LISTED,
     Reduced,
     nearest_in_hull,
     nearest_point,
@@ -24,8 +25,6 @@ from inscrutable.geometry.polytopes import (
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
-
-_MOST_LISTED = 9  # dimensions up to which a set's corners are listed in milliseconds; in eleven it takes a second
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +137,7 @@ class BeliefSet(Saved):
         units = np.where(sizes > tolerances.ON_FACE, sizes, sizes.max(initial=0.0))
         if (
             self._is_loose
-            or self.n_states - 1 > _MOST_LISTED
+            or self.n_states - 1 > MOST_LISTED
             or (units >= tolerances.UNEVEN * units.max(initial=0.0)).all()
         ):
             return np.zeros((0, self.n_states))
@@ -234,7 +233,7 @@ class BeliefSet(Saved):
         """Return the least and greatest probability of each state over the set, shape (X, 2); NaN where it is empty."""
         if self._shape is None:
             return np.full((self.n_states, 2), np.nan)
-        if self.dimension > _MOST_LISTED:
+        if self.dimension > MOST_LISTED:
             return self._shape.bounds()
         corners = self.vertices()
         return np.column_stack([corners.min(axis=0), corners.max(axis=0)])
@@ -244,7 +243,7 @@ class BeliefSet(Saved):
 
         For a set of more than nine dimensions, which has too many corners to list, it is the `interior_point`.
         """
-        if self._shape is None or self.dimension > _MOST_LISTED:
+        if self._shape is None or self.dimension > MOST_LISTED:
             return self.interior_point()
         return np.asarray(self.vertices().mean(axis=0))
 

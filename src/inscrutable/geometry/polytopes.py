@@ -16,15 +16,14 @@ from inscrutable.errors import SolverError
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.validation import Array
 
-_MOST_LISTED, _MOST_SIMPLICES = 9, 1e5
-"""Dimensions up to which a polytope's corners are listed, and V^(d/2), about the number of simplices of V corners in d
-dimensions, up to which it is divided into these to sample it, in .02 s at most; 296 corners in eight take three minutes."""
+MOST_LISTED = 9  # dimensions up to which a polytope's corners are listed in milliseconds; in eleven it takes a second
+_MOST_SIMPLICES = 1e5
+"""V^(d/2), about the number of simplices of V corners in d dimensions, up to which a polytope is divided into these to sample
+it, in .02 s at most; 296 corners in eight dimensions take three minutes."""
 _STEPS = 5
 """Steps of hit-and-run, by squared dimension: on simplices of 7 to 19 dimensions the mean of the largest coordinate is right to
 .3 %; with two it is .1 to .5 % off, with one 2 to 4 %."""
-_CENTRED = (
-    0.1  # length of a Newton step, in the units that it is measured in, within which a point is the analytic centre
-)
+_CENTRED = 0.1  # length of a Newton step, in its own units, within which a point counts as the analytic centre
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +212,7 @@ def sample_polytope(polytope: Reduced, n: int, rng: np.random.Generator) -> Arra
     dimension = polytope.directions.shape[0]
     if dimension == 0:
         return np.tile(polytope.origin, (n, 1))
-    is_listed = dimension <= _MOST_LISTED or len(polytope.rows) == dimension + 1
+    is_listed = dimension <= MOST_LISTED or len(polytope.rows) == dimension + 1
     n_corners = len(polytope.vertices) if is_listed else np.inf
     if n_corners > dimension + 1 and n_corners ** (0.5 * dimension) > _MOST_SIMPLICES:
         return np.asarray(polytope.origin + _walked(polytope, n, rng) @ polytope.directions)
@@ -241,9 +240,12 @@ def _walked(polytope: Reduced, n: int, rng: np.random.Generator) -> Array:
     while True:  # Newton's method, damped: some ten steps
         even, upper = np.linalg.qr(polytope.rows / (polytope.offsets - polytope.rows @ centre)[:, None])
         pull = even.sum(axis=0)
-        if np.linalg.norm(pull) <= _CENTRED:
+        length = float(np.linalg.norm(pull))
+        if not np.isfinite(length):
+            raise SolverError("a belief set is too thin to be sampled: its interior is lost in rounding")
+        if length <= _CENTRED:
             break
-        centre = centre - solve_triangular(upper, pull) / (1.0 + np.linalg.norm(pull))
+        centre = centre - solve_triangular(upper, pull) / (1.0 + length)
     places = np.zeros((n, centre.size))
     for _ in range(_STEPS * centre.size**2):
         away = rng.normal(size=places.shape)

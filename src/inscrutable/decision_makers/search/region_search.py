@@ -369,12 +369,12 @@ def starts_of(space: SearchSpace, aims: Aims, n_starts: int, others: list[SomeSt
     if aims.sign > 0.0 and space.n_seen > space.actions.shape[1] - len(space.problem.constraints.b_eq):
         parts.append(_pair_starts(space, aims))
     few |= n_states >= _SPARSE or space.form.lift is not None
-    starts = together(aims, [*parts, *(others or ())])
+    starts = _together(aims, [*parts, *(others or ())])
     starts.bonus[np.repeat(few, np.diff(starts.first))] += NEVER_SKIPPED
     return starts
 
 
-def together(aims: Aims, parts: list[SomeStarts]) -> Starts:
+def _together(aims: Aims, parts: list[SomeStarts]) -> Starts:
     """Return the starts of each belief that has anything to spend."""
     belief, region, decoys, actions, bonus = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     searched = np.flatnonzero(aims.limits[belief] > 0.0)

@@ -74,6 +74,11 @@ REFUSED = [
     ("0 0 1 0 0;", "0 0 0 0 0;", "do not connect all buses"),
     ("0 0 1 0 0;", "0 0 1 20 -20;", "line 17: the angle limits of a branch, 20 and -20 degrees, exclude"),
     ("0 0 1 0 0;", "0 0 1 20 0;", "line 17: the angle limits of a branch, 20 and 0 degrees, exclude"),
+    (
+        "0 0 1 0 0;",
+        "0 0 1 5 20;",
+        "line 17: no flow of the branch keeps its limit of 30 MW and its angle limits, 5 and 20 degrees",
+    ),
     ("];\n", "];\nmpc.branch(:, 3) = mpc.branch(:, 3) / 10;\n", "is code, or no MATPOWER case"),
     ("0.02 1 5", "0.04/2 1 5", "line 13: gencost has '0.04/2'; expected numbers"),
     ("mpc.branch = [", "mpc.A = [1 1];\nmpc.branch = [", "has A: constraints and costs of a user's own are not read"),

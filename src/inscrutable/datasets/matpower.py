@@ -272,6 +272,11 @@ class CaseTables:
                 r, x = r * tap**2, x * tap**2
             ends.append((int(start), int(end)))
             data.append(_line((r, x, rate, tap or 1.0, shift), angles[row], convention, base))
+            if data[-1][1] > data[-1][2]:
+                raise InputError(
+                    f"{self._at('branch', row)}: no flow of the branch keeps its limit of {rate:g} MW and its angle limits, "
+                    f"{low:g} and {high:g} degrees, at a phase shift of {shift:g} degrees"
+                )
         return np.array(ends, dtype=np.int64).reshape(-1, 2), np.array(data).reshape(-1, 4)
 
 

@@ -19,7 +19,7 @@ from rich.console import Console
 from benchmarks import ROOT
 from benchmarks.machine import described
 from benchmarks.table import Group, Row, Target, between, markdown, missed_rows, seconds_text, show, summary, wrong_rows
-from inscrutable.kernels.deferred import compiled_at_once
+from inscrutable.kernels.calls import compiled_at_once
 
 GROUPS = ("forward", "decision", "proof", "many", "growth", "start", "large")
 SLOW = ("large",)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import ROOT
-from inscrutable.kernels.deferred import compiled_at_once
+from inscrutable.kernels.calls import compiled_at_once
 
 BUDGET = 0.1
 _WARM_UP = 64

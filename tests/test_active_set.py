@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 
 from inscrutable import MarkowitzProblem, Polyhedron, QuadraticProblem, box, simplex
-from inscrutable.kernels.threads import in_chunks, thread_count
+from inscrutable.kernels.calls import in_chunks, thread_count
 from oracles import enumeration, markets
 from sizes import instances
 from strategies import SEEDS

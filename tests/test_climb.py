@@ -26,8 +26,8 @@ from inscrutable.decision_makers.search.partition import FaceProgramme, face_pro
 from inscrutable.decision_makers.search.region_search import writable_basis
 from inscrutable.kernels import climb as climbing
 from inscrutable.kernels import faces
+from inscrutable.kernels.calls import interpreted
 from inscrutable.kernels.climb import Aim
-from inscrutable.kernels.deferred import interpreted
 from sizes import audited, instances, some
 from strategies import SEEDS
 

@@ -16,7 +16,7 @@ from inscrutable import (
     NonUniqueness,
     ProbabilisticDecisionMaker,
 )
-from inscrutable.kernels import deferred
+from inscrutable.kernels import calls
 from sizes import some
 
 pytestmark = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
@@ -30,7 +30,7 @@ def market(rng: np.random.Generator, n_states: int, n_assets: int) -> MarkowitzP
 
 def run_by_the_interpreter(kernel, *arguments):
     with np.errstate(all="ignore"):
-        return deferred.interpreted(kernel._compiled, {})(*arguments)
+        return calls.interpreted(kernel._compiled, {})(*arguments)
 
 
 def numbers(decided) -> list[np.ndarray]:
@@ -53,7 +53,7 @@ def test_interpreted_and_compiled_decisions_have_the_same_digits(n_states, n_ass
     for maker, measure in some(pairs[n_states - 2 :] + pairs[: n_states - 2], 3):
         compiled = numbers(maker(problem, measure).decide_many(beliefs))
         with monkeypatch.context() as interpreted:
-            interpreted.setattr(deferred._Deferred, "__call__", run_by_the_interpreter)
+            interpreted.setattr(calls._Deferred, "__call__", run_by_the_interpreter)
             found = numbers(maker(problem, measure).decide_many(beliefs))
         assert len(found) == len(compiled)
         for one, other in zip(found, compiled, strict=True):
@@ -74,9 +74,9 @@ def waiting(turns):
 
 
 def test_a_kernel_is_compiled_when_the_interpreter_had_its_time(monkeypatch):
-    monkeypatch.setattr(deferred, "_patience", [0.1])
+    monkeypatch.setattr(calls, "_patience", [0.1])
     compiled = numba.njit(waiting)
-    kernel = deferred.deferred(lambda function: compiled)(waiting)
+    kernel = calls.deferred(lambda function: compiled)(waiting)
     start = time.perf_counter()
     assert kernel(1) == 3.0
     assert not compiled.signatures
@@ -87,7 +87,7 @@ def test_a_kernel_is_compiled_when_the_interpreter_had_its_time(monkeypatch):
 
 def test_inside_the_context_kernels_are_compiled_at_their_first_call():
     compiled = numba.njit(tripled.py_func)
-    kernel = deferred.deferred(lambda function: compiled)(tripled.py_func)
-    with deferred.compiled_at_once():
+    kernel = calls.deferred(lambda function: compiled)(tripled.py_func)
+    with calls.compiled_at_once():
         assert kernel(1.0) == 3.0
     assert len(compiled.signatures) == 1

@@ -28,7 +28,7 @@ from inscrutable import (
     decoy_grid,
 )
 from inscrutable.decision_makers.search import lottery_search, partition
-from inscrutable.kernels import threads
+from inscrutable.kernels import calls
 from oracles.enumeration import upper_concave_envelope
 from sizes import instances, paired, some
 
@@ -209,7 +209,7 @@ def test_the_same_bytes_for_any_number_of_threads(sign: float, monkeypatch: pyte
     maker = ProbabilisticDecisionMaker(problem, measure, 0.05, candidates=decoy_grid(problem, 10))
     results = []
     for count in (1, 4):
-        monkeypatch.setattr(threads, "thread_count", lambda count=count: count)
+        monkeypatch.setattr(calls, "thread_count", lambda count=count: count)
         mixed = maker.decide_many(beliefs)
         results.append([getattr(mixed, name).tobytes() for name in FIELDS])
     assert results[0] == results[1]

@@ -26,7 +26,7 @@ from inscrutable.decision_makers.results import (
 from inscrutable.decision_makers.search.partition import face_programme
 from inscrutable.errors import ModelError, SolverError
 from inscrutable.geometry.hulls import LARGER
-from inscrutable.kernels.threads import in_chunks
+from inscrutable.kernels.calls import in_chunks
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.privacy import MaximalObfuscation
 from inscrutable.problems import DecisionProblem, LinearForm, quadratic_problem

@@ -13,7 +13,7 @@ from inscrutable import validation
 from inscrutable.decision_makers.candidate_sources import random_actions
 from inscrutable.decision_makers.search.goal import Goal, Judgement
 from inscrutable.geometry.crossings import first_met
-from inscrutable.kernels.threads import one_blas_thread
+from inscrutable.kernels.calls import one_blas_thread
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array

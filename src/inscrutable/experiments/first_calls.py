@@ -74,7 +74,7 @@ def _quietly(calls: Callable[[], None], parent: int) -> None:
 
 
 def _others() -> None:
-    from inscrutable.kernels.deferred import compiled_at_once, put_off
+    from inscrutable.kernels.calls import compiled_at_once, put_off
     from inscrutable.kernels.region_search import search_regions
 
     with compiled_at_once(), put_off(search_regions):
@@ -109,7 +109,7 @@ def _decide(constraints: Polyhedron, measure: PrivacyMeasure | None = None, n_st
 
 def _search() -> None:
     from inscrutable.kernels.active_set import quadratic_costs
-    from inscrutable.kernels.deferred import compiled_at_once, put_off
+    from inscrutable.kernels.calls import compiled_at_once, put_off
     from inscrutable.kernels.region_search import best_starts, read_actions
     from inscrutable.kernels.set_distance import is_explained_once
 

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.deferred import deferred
+from inscrutable.kernels.calls import deferred
 from inscrutable.kernels.lanes import LANES, blank, entry, inverse, load, magnitude, some, spread, store, where
 from inscrutable.kernels.options import internal, kernel, uncounted, uncounted_kernel
 

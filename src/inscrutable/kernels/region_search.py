@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from inscrutable.kernels.calls import deferred
 from inscrutable.kernels.climb import MET
 from inscrutable.kernels.copies import put, put_descending
-from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.faces import cost_at, row_value
 from inscrutable.kernels.options import integer, internal, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.references import by_reference, release

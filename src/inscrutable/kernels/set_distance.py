@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from inscrutable.kernels.calls import deferred
 from inscrutable.kernels.copies import put
-from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.options import integer, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.projection import project_in, room_for
 from inscrutable.kernels.references import by_reference, release

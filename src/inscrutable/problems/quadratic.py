@@ -230,7 +230,7 @@ class QuadraticProblem(DecisionProblem):
         if len(held) <= _CHUNK:
             work(0, len(held))
         else:
-            from inscrutable.kernels.threads import in_chunks
+            from inscrutable.kernels.calls import in_chunks
 
             in_chunks(work, len(held), _CHUNK)
         if not solved.all():

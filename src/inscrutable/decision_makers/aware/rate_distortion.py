@@ -21,7 +21,7 @@ from inscrutable.decision_makers.aware.rate_distortion_steps import Source
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions, Progress
 from inscrutable.errors import InputError
-from inscrutable.kernels.threads import one_blas_thread
+from inscrutable.kernels.calls import one_blas_thread
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.problems import DecisionProblem
 from inscrutable.saved import Summarised

@@ -29,7 +29,7 @@ from inscrutable.decision_makers.aware.stackelberg_solver import largest_error
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.envelope import best_mixtures
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions, Progress
-from inscrutable.kernels.threads import one_blas_thread
+from inscrutable.kernels.calls import one_blas_thread
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.privacy.losses import DecisionLoss, Loss, loss_of_rule
 from inscrutable.problems import DecisionProblem

@@ -23,6 +23,7 @@ from inscrutable.decision_makers.search.partition import Partition, face_program
 from inscrutable.geometry.equal_rows import distinct_patterns
 from inscrutable.geometry.hulls import LARGER, sum_zero_basis
 from inscrutable.geometry.low_discrepancy import simplex_cover
+from inscrutable.kernels.calls import in_chunks
 from inscrutable.kernels.region_climb import Aims, Optima
 from inscrutable.kernels.region_search import (
     AT_STARTS,
@@ -38,7 +39,6 @@ from inscrutable.kernels.region_search import (
 )
 from inscrutable.kernels.regions import UNKNOWN, Regions
 from inscrutable.kernels.set_distance import is_explained_once
-from inscrutable.kernels.threads import in_chunks
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.problems import DecisionProblem, QuadraticProblem, quadratic_problem
 from inscrutable.validation import Array

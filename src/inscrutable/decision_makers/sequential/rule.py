@@ -28,7 +28,7 @@ from inscrutable.decision_makers.sequential.sequence import DecisionSequence
 from inscrutable.decision_makers.sequential.step import StepTable, step_table
 from inscrutable.errors import InputError
 from inscrutable.geometry.grids import largest_resolution
-from inscrutable.kernels.threads import one_blas_thread
+from inscrutable.kernels.calls import one_blas_thread
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.chains import BeliefChain, filtered_chain
 from inscrutable.mechanisms.disclosures import Disclosure

@@ -95,6 +95,7 @@ SAME = [
     ("mpc.baseMVA", "other.baseMVA"),
     ("7 1 50 0 0;", "7, 1, 50, 0, 0  % the load; [not a bracket]"),
     ("7 1 50 0 0;", "7 1 ...\n50 0 0;"),
+    ("7 1 50 0 0;", "7 1 ... the load, [MW]\n50 0 0;"),
     ("mpc.bus = [", "%{\nmpc.bus = [9 9 9];\n%}\nmpc.bus = ["),
     ("mpc.bus = [", "mpc.bus_name = {\n'north';\n'so % uth';\n};\nmpc.bus = ["),
     ("mpc.branch = [", "mpc.dcline = [1 7 0 0];\nmpc.branch = ["),

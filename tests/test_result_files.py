@@ -192,6 +192,8 @@ def test_output_folder_that_cannot_be_written(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=re.escape(f"output folder {path} cannot be written")):
             output_folder(path)
     assert (tmp_path / "file").read_text() == "in the way"
+    with pytest.raises(InputError, match="an output folder must be given by its path, got NoneType"):
+        output_folder(None)  # type: ignore[arg-type]
 
 
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a folder that refuses even the superuser")

@@ -96,6 +96,8 @@ def _without_comment(line: str) -> str:
             quote = character
         elif character == "%":
             return line[:place]
+        elif line.startswith("...", place):  # a line that goes on; what follows is a comment
+            return line[: place + 3]
     return line
 
 

@@ -18,7 +18,7 @@ import pandas as pd
 
 from inscrutable.datasets._cells import FORMULA
 from inscrutable.errors import InputError
-from inscrutable.files import PathLike, remove, unwritten, whole_file
+from inscrutable.files import PathLike, path_of, remove, unwritten, whole_file
 
 
 def write_table(frame: pd.DataFrame, path: PathLike) -> None:
@@ -97,8 +97,8 @@ def output_folder(path: PathLike) -> Path:
         The folder. A test file was created and removed, so a long run starts only in a writable folder.
 
     Raises:
-        InputError: The folder cannot be created or written to (a file in its place, read-only, disk full), with the
-            reason.
+        InputError: No path, or a folder that cannot be created or written to (a file in its place, read-only, disk full),
+            with the reason.
 
     Cost: two file operations.
 
@@ -109,7 +109,7 @@ def output_folder(path: PathLike) -> Path:
         ...     output_folder(folder + "/results/run").is_dir()
         True
     """
-    folder = Path(path)
+    folder = path_of(path, "an output folder")
     probe = folder / f".probe.{secrets.token_hex(6)}"
     try:
         folder.mkdir(parents=True, exist_ok=True)

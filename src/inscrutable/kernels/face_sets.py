@@ -81,6 +81,19 @@ def _interval(face: Any, w: Any, direction: Any, linear: float, quadratic: float
 
 
 @uncounted
+def is_allowed(face: Any, aim: Any, trial: Any) -> bool:
+    """Whether no slack is negative and the regret is within the budget."""
+    for r in range(face.n_set_rows, face.rows.shape[0]):
+        slack = 0.0
+        for a in range(trial.size):
+            slack += face.rows[r, 0, a] * trial[a]
+        if slack < -MET:
+            return False
+    # Rounding may end a climb a little beyond the budget; the aim's limit leaves room for that.
+    return bool(cost_at(face.curves, aim.belief, trial) - aim.optimal_cost <= aim.limit + MET * aim.unit)
+
+
+@uncounted
 def decision_value(face: Any, aim: Any, basis: Any, trial: Any, nearest: Any, room: Any) -> float:
     """sign·distance − price·regret of the decision at `trial`; −∞ where no belief explains it."""
     distance = nearest_belief(face, trial, aim.point, basis, NO_ROW, nearest, room)

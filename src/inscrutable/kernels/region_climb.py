@@ -12,22 +12,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.climb import MET, Aim, climb, decide_on_face
+from inscrutable.kernels.borders import climb_border, is_on_border
+from inscrutable.kernels.climb import MET, Aim, climb
 from inscrutable.kernels.copies import put
 from inscrutable.kernels.face_ascent import ascend
-from inscrutable.kernels.face_sets import decision_value, look_around, move_to_cheapest
+from inscrutable.kernels.face_sets import is_allowed, look_around, move_to_cheapest
 from inscrutable.kernels.faces import cost_at
 from inscrutable.kernels.options import inlined, internal, uncounted
 from inscrutable.kernels.regions import face_of, locate
 from inscrutable.kernels.set_distance import NO_ROW, distance_room, nearest_belief
 from inscrutable.tolerances import BUDGET_SAFETY, ROW_IN_REACH
 
-_HALVINGS = 12
-"""Halvings of a step that crosses a boundary. With 20, no privacy is larger by 1e-5 of itself; with six, 16 of 960 decisions
-lose up to .4 %, and 37 lotteries up to 1.3 %."""
-_IMPOSSIBLE = 1e-5
-"""A probability that counts as zero on a boundary: climbs leave more of it than rounding. With 1e-6 two of 960 lotteries lose,
-up to 18 %; with 1e-4 one of them and two decisions gain, up to .3 %."""
 _STARTS = 2
 """Ends of lines from which a set's slopes are followed, besides the best decision so far. With one, 2 of 600 decisions over two
 to seven states lose up to 10 %; with four one gains 30 %."""
@@ -92,30 +87,17 @@ def aim_of(aims: Any, t: int) -> Aim:
 
 
 @uncounted
-def _is_admissible(face: Any, trial: Any) -> bool:
-    """Whether no slack is negative."""
-    for r in range(face.n_set_rows, face.rows.shape[0]):
-        slack = 0.0
-        for a in range(trial.size):
-            slack += face.rows[r, 0, a] * trial[a]
-        if slack < -MET:
-            return False
-    return True
-
-
-@uncounted
 def _keep(face: Any, aim: Any, basis: Any, trial: Any, weight: float, optima: Any, room: Any) -> None:
     """Take over a trial that a belief explains, if it is admissible, affordable and better.
 
     `weight` is the budget's multiplier for ½Ψ², Ψ times the price; it is zero where budget is left over.
     """
-    if not _is_admissible(face, trial):
+    if not is_allowed(face, aim, trial):
         return
     distance = nearest_belief(face, trial, aim.point, basis, NO_ROW, room.member, room.distance)
-    regret = cost_at(face.curves, aim.belief, trial) - aim.optimal_cost
-    # Rounding may end a line a little beyond the budget; the aim's limit leaves room for that.
-    if not distance < np.inf or regret > aim.limit + MET * aim.unit:
+    if not distance < np.inf:
         return
+    regret = cost_at(face.curves, aim.belief, trial) - aim.optimal_cost
     value = aim.sign * distance
     if aim.price > 0.0:
         value -= aim.price * regret
@@ -151,72 +133,6 @@ def climb_decoy(number: int, aim: Any, regions: Any, basis: Any, optima: Any, ro
             optima.potential[0] = -loss
             if aim.limit < np.inf:  # the loss is −sign ½‖y − p‖²
                 optima.potential[0] = aim.sign * np.sqrt(max(-2.0 * aim.sign * loss, 0.0))
-
-
-@uncounted
-def _is_on_border(y: Any, k: int) -> bool:
-    """Whether a belief in at most k of the states explains a decision with k free coordinates.
-
-    The decisions of such beliefs have fewer dimensions than the region: they bound the decisions that some belief explains.
-    """
-    n_likely = 0
-    for i in range(y.size):
-        n_likely += y[i] > _IMPOSSIBLE
-    return bool(2 <= n_likely <= min(k, y.size - 1))
-
-
-@internal
-def _directions_between(y: Any) -> Any:
-    """Orthonormal directions (X, S−1) in which the S probabilities above zero change and their sum does not: Helmert's."""
-    n_likely = 0
-    for i in range(y.size):
-        n_likely += y[i] > 0.0
-    basis, before = np.zeros((y.size, n_likely - 1)), 0
-    for i in range(y.size):
-        if y[i] > 0.0:
-            for j in range(i):
-                if before > 0 and y[j] > 0.0:
-                    basis[j, before - 1] = 1.0 / np.sqrt(before * (before + 1.0))
-            if before > 0:
-                basis[i, before - 1] = -before / np.sqrt(before * (before + 1.0))
-            before += 1
-    return basis
-
-
-@internal
-def climb_border(face: Any, aim: Any, basis: Any, y: Any, w: Any, room: Any) -> float:
-    """Improve y and its decision w with y's zero probabilities held; returns the budget's multiplier, 0 where it is not known.
-
-    On the boundary of the decisions that some belief explains the set is a point, and the distance has no useful gradient.
-    Beyond another boundary nearer beliefs explain the decisions: the last decision before it is found by bisection.
-    """
-    for i in range(y.size):
-        if y[i] <= _IMPOSSIBLE:
-            y[i] = 0.0
-    held = _directions_between(y)
-    end, trial, there = y.copy(), y.copy(), w.copy()
-    best, low, high, share = decision_value(face, aim, basis, w, room.member, room.distance), 0.0, 1.0, 1.0
-    loss, weight = climb(face, aim, held, end, there)
-    if not loss < np.inf:
-        return 0.0
-    for _ in range(_HALVINGS):
-        value = decision_value(face, aim, basis, there, room.member, room.distance)
-        # The climb's end may exceed the budget by rounding; the aim's limit leaves room for that.
-        fits = cost_at(face.curves, aim.belief, there) - aim.optimal_cost <= aim.limit + MET * aim.unit
-        if value > best and fits and _is_admissible(face, there):
-            best, low = value, share
-            put(there, w)
-            if share == 1.0:
-                break
-        else:
-            high = share
-        share = 0.5 * (low + high)
-        for i in range(y.size):
-            trial[i] = (1.0 - share) * y[i] + share * end[i]
-        decide_on_face(face, trial, there)
-    for i in range(y.size):
-        y[i] = (1.0 - low) * y[i] + low * end[i]
-    return float(weight) if low == 1.0 else 0.0
 
 
 @internal
@@ -255,7 +171,7 @@ def search_set(number: int, turn: Any, aim: Any, floor: float, has_lines: bool, 
         nearest_belief(face, trial, aim.point, basis, NO_ROW, y, room.distance)
         # From the boundary inward, and from inside to a boundary and along it.
         for _ in range(2):
-            was_on_border = _is_on_border(y, k)
+            was_on_border = is_on_border(y, k)
             if was_on_border:
                 weight = climb_border(face, aim, basis, y, trial, room)
                 _keep(face, aim, basis, trial, weight, optima, room)
@@ -263,7 +179,7 @@ def search_set(number: int, turn: Any, aim: Any, floor: float, has_lines: bool, 
             value, weight = ascend(face, rows, aim, basis, trial, y, known, room.distance)
             if value > -np.inf:
                 _keep(face, aim, basis, trial, weight, optima, room)
-            if was_on_border or not _is_on_border(y, k):
+            if was_on_border or not is_on_border(y, k):
                 break
 
 

@@ -98,8 +98,10 @@ def cheapest_by_scan(case: Case, beliefs: Array, progress: Progress | None = Non
 def _fill(case: Case, goal: Indicator, result: IndicatorResult, part: slice) -> None:
     problem, beliefs = case.problem, np.ascontiguousarray(result.beliefs[part])
     optimal = problem.solve_points(beliefs)
-    optimal_costs = (problem.state_costs(optimal) * beliefs).sum(axis=1)
+    state_costs = problem.state_costs(optimal)
+    optimal_costs = (state_costs * beliefs).sum(axis=1)
     limits = case.budget.limits(optimal_costs)
+    rounding = tolerances.COST_ROUNDING * (np.abs(state_costs) * beliefs).sum(axis=1)
     met = goal.met_by(beliefs, optimal, np.zeros(len(beliefs)))
     if goal.compares_gaps:
         met[:] = False
@@ -122,11 +124,11 @@ def _fill(case: Case, goal: Indicator, result: IndicatorResult, part: slice) -> 
         reached = np.maximum(costs - optimal_costs[which], 0.0)
         better = reached < paid
         least = np.minimum(reached, paid)
-        affordable = least <= limits[which]
+        affordable = least <= limits[which] + rounding[which]
         kept = which[affordable]
         source[kept] = np.where(better, _POLISHED, _CANDIDATE)[affordable]
         actions[kept] = np.where(better[:, None], polished, candidates)[affordable]
-        regrets[kept] = least[affordable]
+        regrets[kept] = np.minimum(least[affordable], limits[kept])
     linear = problem.linear_form()
     if goal.compares_gaps and linear is not None and linear.lift is None and not problem.is_discrete:
         for t in others:

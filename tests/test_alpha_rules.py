@@ -854,6 +854,14 @@ def test_long_only_costs_at_most_what_is_stated() -> None:
     assert path.regrets.mean() - 4 * path.regrets.std() / np.sqrt(300) <= maker.regret, FRESH_SEED
 
 
+@pytest.mark.parametrize("draws", [3, 5, 29])
+def test_few_draws_spend_the_budget_where_no_limit_is_reached(draws: int) -> None:
+    problem = AlphaProblem([[0.04, 0.01], [0.01, 0.02]], 2.5, box([-100, -100], [100, 100]))
+    maker = AlphaDecisionMaker(problem, 0.5, prior_covariance=[[4e-4, 1e-4], [1e-4, 2e-4]])
+    grown = maker.under_limits(draws=draws, rng=np.random.default_rng(7))
+    assert grown.regret == pytest.approx(maker.regret, rel=1e-2)
+
+
 def test_under_limits_the_budget_is_spent() -> None:
     rng = np.random.default_rng(FRESH_SEED)
     prior, risk = 1e-3 * covariance(rng, 3), 0.02 * covariance(rng, 3) + 0.01 * np.eye(3)

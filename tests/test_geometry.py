@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from inscrutable import BeliefSet, InputError, simplex_grid
+from inscrutable import BeliefSet, FiniteProblem, InputError, consistent_beliefs, simplex_grid
 from inscrutable.geometry.cones import stationarity_rows
 from oracles import consistent
 from sizes import instances
@@ -308,3 +308,16 @@ def test_rows_that_almost_conflict_give_an_answer(n, gap):
         assert found.distance(np.eye(n)[0]) == pytest.approx(1 / np.sqrt(2), abs=1e-5)
         np.testing.assert_allclose(found.bounds()[:2], [[0, 0.5], [0, 0.5]], atol=1e-5)
     assert found.is_empty is False or gap > 0
+
+
+def test_samples_are_uniform_where_many_rows_are_alike() -> None:
+    """Against rejection from the simplex of 11 states; from the analytic centre alone the mean is a sixth of this one."""
+    costs = np.ones((11, 201))
+    costs[:, 0], costs[0, 1:] = 0.0, -0.5
+    costs[1:, 1:] += 0.1 * np.random.default_rng(201).random((10, 200))
+    found = consistent_beliefs(FiniteProblem(costs), 0)
+    drawn = np.random.default_rng(3).dirichlet(np.ones(11), 40_000)
+    inside = drawn[(drawn @ (costs - costs[:, :1]) >= 0.0).all(axis=1)]
+    sample = found.sample(800, rng=np.random.default_rng(1))
+    error = np.sqrt(sample.var(axis=0) / len(sample) + inside.var(axis=0) / len(inside))
+    assert (np.abs(sample.mean(axis=0) - inside.mean(axis=0)) <= 4.5 * error).all()

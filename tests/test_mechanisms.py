@@ -6,6 +6,7 @@ from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,6 +14,7 @@ from scipy import sparse
 
 from inscrutable import (
     CategoricalEmission,
+    CoinDecisionMaker,
     CounterAdversarialDecisionMaker,
     DirichletDecisionMaker,
     FiniteProblem,
@@ -21,6 +23,7 @@ from inscrutable import (
     InputError,
     LinearProblem,
     MarkowitzProblem,
+    MeanSquaredErrorFloor,
     Mechanism,
     OriginalDecisionMaker,
     Polyhedron,
@@ -28,9 +31,12 @@ from inscrutable import (
     ProbabilisticDecisionMaker,
     RoundingDecisionMaker,
     box,
+    calibrate,
     decoy_grid,
+    detectability,
     filter_beliefs,
     filtered_prior,
+    leakage,
     mechanism,
     predicted_prior,
     simplex_grid,
@@ -427,3 +433,42 @@ def test_each_prior_is_the_law_of_its_own_belief(fresh_rng):
         assert prior.mean == pytest.approx(beliefs.mean(axis=0), abs=0.02)
     assert predicted_prior(world, 60, rng=fresh_rng).error < 0.75 * filtered_prior(world, 60, rng=fresh_rng).error
     assert stationary_prior is filtered_prior
+
+
+@pytest.mark.parametrize(
+    ("decided", "said"),
+    [
+        ({"action": [[0.7, 0.5], [0.5, 0.5]]}, "outside the feasible set: sum"),
+        ({"action": [[np.nan, 0.5], [0.5, 0.5]]}, "action has nan"),
+        ({"action": [[0.5, 0.5]]}, "for 2 beliefs"),
+        (
+            {"actions": [[[1.0, 0.0], [0.0, 1.0]]] * 2, "probabilities": [[np.nan, 1.0], [1.0, 0.0]]},
+            "probabilities has nan",
+        ),
+        ({"actions": [[[1.0, 0.0], [0.0, 1.0]]] * 2, "probabilities": [[1.0, -0.3], [1.0, 0.0]]}, "must be >= 0"),
+        ({"actions": [[[1.0, 0.0], [0.0, 1.0]]] * 2, "probabilities": [1.0, 0.0]}, "2-dimensional"),
+        ({"actions": [[1.0, 0.0], [0.0, 1.0]], "probabilities": [[0.5, 0.5]] * 2}, "3-dimensional"),
+    ],
+)
+def test_decisions_of_a_users_own_are_checked(decided, said):
+    problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2)] * 2, 1.0)
+    own = SimpleNamespace(**{name: np.array(value) for name, value in decided.items()})
+    maker = SimpleNamespace(problem=problem, decide_many=lambda beliefs: own)
+    with pytest.raises(InputError, match=said):
+        mechanism(maker, [[0.5, 0.5], [0.9, 0.1]])
+
+
+def test_a_prior_over_states_in_another_order_is_refused():
+    problem = MarkowitzProblem(pd.DataFrame([[0.2, 0.0], [0.0, 0.1]], index=["calm", "stress"]), [np.eye(2)] * 2, 1.0)
+    names = ["stress", "calm"]
+    world = HiddenMarkovModel([[0.7, 0.3], [0.1, 0.9]], CategoricalEmission([[0.7, 0.3], [0.2, 0.8]]), names=names)
+    prior = filtered_prior(world, 6, rng=np.random.default_rng(0), n_steps=2000)
+    played = mechanism(CoinDecisionMaker(problem, 0.3), prior.beliefs)
+    for refused in (
+        lambda: calibrate(lambda q: CoinDecisionMaker(problem, q), 1e-4, prior, 0.0, 1.0),
+        lambda: detectability(played, prior, problem),
+        lambda: leakage(played, prior, problem),
+        lambda: MeanSquaredErrorFloor(0.1).reached(played, prior, problem),
+    ):
+        with pytest.raises(InputError, match="order"):
+            refused()

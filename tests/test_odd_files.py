@@ -64,6 +64,12 @@ covariances = [
 """
 
 
+def test_prices_in_dollars_leave_weights_what_they_are(tmp_path):
+    path = tmp_path / "holdings.csv"
+    path.write_text("ticker,weight,shares,price\nOil,0.40,4,$30\nFood,0.20,2,$20\nTech,0.20,2,$5\n")
+    assert read_holdings(path, assets=ASSETS).sums == pytest.approx((0.8, 0.8))
+
+
 def test_what_holdings_leave_out_is_said(tmp_path):
     path = tmp_path / "holdings.csv"
     path.write_text("date,Oil,Food,Tech,Cash\n2020-01-31,3,0,0,1\n2020-02-29,2,1,1,-2\n")

@@ -60,7 +60,7 @@ def obfuscated_decision(
 
     Formula: max_m̂ dist(m, Π(u*(m̂))) subject to ρ(m, u*(m̂)) ≤ r. Without inequalities it is √(r/λ), λ the least eigenvalue of
     Θ above zero, along its eigenvector: for B = I and no constraints √(4γ r λ_max(V)), along V's first eigenvector, the
-    riskiest direction. Privacy is concave in r, so randomisation gains nothing.
+    riskiest direction. There privacy is concave in r, so randomisation gains nothing.
 
     Args:
         problem: The decision problem.

@@ -61,8 +61,9 @@ def simulation(problem: AlphaProblem, means: Array) -> Callable[[Array, float], 
         shift, apart, count = float(bounds.mean()) - most, bounds - bounds.mean(), len(bounds)
         square = max(float(apart @ apart), tolerances.TINY)
         slope = float(apart @ regrets) / square
+        is_free = np.abs(regrets - bounds).max() <= tolerances.FEASIBILITY * bounds.max()  # no draw reaches a limit
         # A mean regret is above zero, however the line through few draws goes.
-        if count < _LEAST_FITTED or slope * shift >= float(regrets.mean()):
+        if (count < _LEAST_FITTED and not is_free) or slope * shift >= float(regrets.mean()):
             error = regrets.std(ddof=1) / np.sqrt(count)
             return SimulatedRegret(min(float(regrets.mean()), most), float(error))
         left = regrets - slope * (bounds - most)

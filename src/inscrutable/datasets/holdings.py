@@ -146,7 +146,8 @@ def read_holdings(
     known = _Names(table, list(map(str, assets)), dict(names or {}))
     is_long = any(name in _TICKERS for name in header) and any(name in (*_VALUES, *_SHARES) for name in header)
     amounts, index = _long(table, header, known) if is_long else _wide(table, known)
-    amounts.are_money |= any("$" in text for texts in (table.header, *table.rows) for text in texts)
+    has_dollars = any("$" in text for texts in (table.header, *table.rows) for text in texts)
+    amounts.are_money |= has_dollars and not amounts.are_weights
     found = _as_weights(table, known, amounts, index)
     return replace(found, missing=() if is_long else known.absent, owed=tuple(dict.fromkeys(amounts.owed)))
 
@@ -363,9 +364,10 @@ def _as_weights(table: TextTable, known: _Names, amounts: _Amounts, index: pd.In
 
 
 def errors_of_shares(values: NDArray[np.float64], halves: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return by how much weights w = v/S (T,U) change at most where amounts v (T,U) change by h: (h_j + w_j Σh)/S."""
-    sums = values.sum(axis=1, keepdims=True)
-    return np.asarray((halves + np.abs(values / sums) * halves.sum(axis=1, keepdims=True)) / sums)
+    """Return by how much weights w = v/S (T,U) change at most where amounts v (T,U) change by h: (h_j + w_j Σh)/(S − Σh)."""
+    sums, moved = values.sum(axis=1, keepdims=True), halves.sum(axis=1, keepdims=True)
+    most = (halves + np.abs(values / sums) * moved) / np.maximum(sums - moved, tolerances.TINY)
+    return np.asarray(np.minimum(most, 1.0))
 
 
 def decimals_within(errors: NDArray[np.float64]) -> int | None:

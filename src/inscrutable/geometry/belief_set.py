@@ -234,7 +234,7 @@ class BeliefSet(Saved):
         if self._shape is None:
             return np.full((self.n_states, 2), np.nan)
         if self.dimension > MOST_LISTED:
-            return self._shape.bounds()
+            return np.maximum(self._shape.bounds(), 0.0)
         corners = self.vertices()
         return np.column_stack([corners.min(axis=0), corners.max(axis=0)])
 

@@ -23,6 +23,9 @@ it, in .02 s at most; 296 corners in eight dimensions take three minutes."""
 _STEPS = 5
 """Steps of hit-and-run, by squared dimension: on simplices of 7 to 19 dimensions the mean of the largest coordinate is right to
 .3 %; with two it is .1 to .5 % off, with one 2 to 4 %."""
+_PILOTS, _PILOT_POINTS, _STEADY = 8, 20, 1.8
+"""Most pilot walks, their points for each dimension, and the ratio of widths within which one changes little. Without them the
+mean of a probability is .015 instead of .091 where 200 rows are copies of one."""
 _CENTRED = 0.1  # length of a Newton step, in its own units, within which a point counts as the analytic centre
 
 
@@ -234,7 +237,8 @@ def sample_polytope(polytope: Reduced, n: int, rng: np.random.Generator) -> Arra
 def _walked(polytope: Reduced, n: int, rng: np.random.Generator) -> Array:
     """Coordinates (n,d) of points from hit-and-run, each from the analytic centre.
 
-    There A = diag(1/slacks) rows = QR makes the polytope {centre + R⁻¹y : Qy ≤ 1} about as wide in all directions of y.
+    There A = diag(1/slacks) rows = QR makes the polytope {centre + R⁻¹y : Qy ≤ 1} about as wide in all directions of y. Where
+    many rows are alike the centre lies far off: pilot walks then give the mean and the widths to start from.
     """
     centre = polytope._deep
     while True:  # Newton's method, damped: some ten steps
@@ -246,12 +250,30 @@ def _walked(polytope: Reduced, n: int, rng: np.random.Generator) -> Array:
         if length <= _CENTRED:
             break
         centre = centre - solve_triangular(upper, pull) / (1.0 + length)
-    places = np.zeros((n, centre.size))
-    for _ in range(_STEPS * centre.size**2):
+    centre, widths = np.asarray(centre), np.linalg.inv(upper)
+    for _ in range(_PILOTS):
+        tried = _hit_and_run(polytope, centre, widths, (_PILOT_POINTS * centre.size, 1), rng)
+        centre, before = tried.mean(axis=0), widths
+        widths = np.linalg.cholesky(np.cov(tried.T))
+        spread = np.linalg.svd(np.linalg.solve(before, widths), compute_uv=False)
+        if spread[0] <= _STEADY * spread[-1]:
+            break
+    return _hit_and_run(polytope, centre, widths, (n, _STEPS), rng)
+
+
+def _hit_and_run(
+    polytope: Reduced, centre: Array, widths: Array, effort: tuple[int, int], rng: np.random.Generator
+) -> Array:
+    """Coordinates of some points, each by that many times d² steps from the centre; lines have the law of `widths` (d,d) times
+    normal numbers."""
+    count, steps = effort
+    rows, slacks = polytope.rows @ widths, polytope.offsets - polytope.rows @ centre
+    places = np.zeros((count, centre.size))
+    for _ in range(steps * centre.size**2):
         away = rng.normal(size=places.shape)
-        low, high = line_ends(1.0 - places @ even.T, away @ even.T)
+        low, high = line_ends(slacks - places @ rows.T, away @ rows.T)
         places += rng.uniform(low, high)[:, None] * away
-    return np.asarray(centre + solve_triangular(upper, places.T).T)
+    return np.asarray(centre + places @ widths.T)
 
 
 def line_ends(slacks: Array, speeds: Array) -> tuple[Array, Array]:

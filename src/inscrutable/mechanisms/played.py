@@ -268,9 +268,16 @@ def atoms_of(decision_maker: Any, beliefs: Array) -> tuple[Array, np.ndarray, np
             "`actions` (T,k,U) and `probabilities` (T,k) where it draws"
         )
     if draws:
-        points, shares = problem.as_points(decided.actions), np.asarray(decided.probabilities, dtype=np.float64)
+        shares = validation.stochastic_rows(decided.probabilities, "probabilities")
+        points = validation.finite_array(problem.as_points(decided.actions), "actions", ndim=3)
     else:
-        points = problem.as_points(decided.action)[:, None, :]
+        points = validation.finite_array(problem.as_points(decided.action), "action", ndim=2)[:, None, :]
         shares = np.ones(points.shape[:2])
+    if not shares.shape == points.shape[:2] == (len(beliefs), shares.shape[1]):
+        raise InputError(
+            f"{type(decision_maker).__name__}.decide_many returned decisions of shape {points.shape} and probabilities of "
+            f"shape {shares.shape} for {len(beliefs)} beliefs"
+        )
     row, atom = np.nonzero(shares > 0)
+    problem.constraints.check_inside(points[row, atom], "action")
     return points[row, atom], row, np.arange(len(row)), shares[row, atom]

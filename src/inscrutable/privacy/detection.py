@@ -13,6 +13,7 @@ from inscrutable.adversaries.plausibility import nearest_explanations
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import joint_law
 from inscrutable.mechanisms.matching import points_in
+from inscrutable.mechanisms.priors import checked_prior
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem
 from inscrutable.saved import Saved, Summarised
@@ -108,7 +109,7 @@ def detectability(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) 
         >>> detectability(mechanism(OriginalDecisionMaker(problem), prior.beliefs), prior, problem).auc
         0.5
     """
-    joint = joint_law(mechanism, prior)
+    joint = joint_law(mechanism, checked_prior(prior, problem))
     points = points_in(problem, mechanism)
     gaps, excuses, explained = _gaps(problem, points, joint.played > 0)
     some = joint.weights > 0

@@ -21,6 +21,7 @@ from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import joint_law
 from inscrutable.mechanisms.matching import points_in
+from inscrutable.mechanisms.priors import checked_prior
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -463,7 +464,7 @@ class MeanSquaredErrorFloor(_SquareErrors):
 
 def played_game(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) -> tuple[PlayedGame, Array]:
     """Return the beliefs with weight, the optimal rule's law on all decisions, and K on them."""
-    joint = joint_law(mechanism, prior)
+    joint = joint_law(mechanism, checked_prior(prior, problem))
     some, points = joint.weights > 0, points_in(problem, mechanism)
     kept, place = np.unique(
         first_same(np.vstack([points, problem.solve_points(joint.beliefs[some])])), return_inverse=True

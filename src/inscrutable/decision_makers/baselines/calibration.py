@@ -165,9 +165,8 @@ def spending(make: Callable[[float], Made], regret_of: Callable[[Made], float], 
 def expected_regret(decision_maker: Any, prior: Prior | ArrayLike) -> float:
     """Return the expected regret of a decision maker under a prior, or its mean along a path of beliefs (T,X)."""
     if getattr(decision_maker, "is_memoryless", True):
-        beliefs, weights = (prior.beliefs, prior.weights) if isinstance(prior, Prior) else (prior, None)
-        regrets = mechanism(decision_maker, beliefs).expected_regrets
-        return float(regrets.mean() if weights is None else weights @ regrets)
+        regrets = mechanism(decision_maker, prior).expected_regrets
+        return float(prior.weights @ regrets if isinstance(prior, Prior) else regrets.mean())
     if isinstance(prior, Prior):
         raise InputError(
             f"{type(decision_maker).__name__} depends on earlier decisions: give a path of beliefs (T,X), not a prior"

@@ -145,7 +145,7 @@ def _first_number(index: pd.Index) -> float:
     if index.inferred_type not in ("integer", "floating", "string"):
         return float("nan")
     numbers = pd.to_numeric(index.to_numpy(), errors="coerce")
-    return float(numbers[0]) if (np.diff(numbers) == 1).all() else float("nan")
+    return float(numbers[0]) if len(numbers) and (np.diff(numbers) == 1).all() else float("nan")
 
 
 def _counts_rows(table: pd.DataFrame) -> bool:

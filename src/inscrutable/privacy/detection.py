@@ -109,8 +109,9 @@ def detectability(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) 
         >>> detectability(mechanism(OriginalDecisionMaker(problem), prior.beliefs), prior, problem).auc
         0.5
     """
-    joint = joint_law(mechanism, checked_prior(prior, problem))
+    joint = joint_law(mechanism, prior)
     points = points_in(problem, mechanism)
+    checked_prior(prior, problem)
     gaps, excuses, explained = _gaps(problem, points, joint.played > 0)
     some = joint.weights > 0
     honest = problem.solve_points(joint.beliefs[some])

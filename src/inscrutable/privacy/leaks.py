@@ -163,7 +163,7 @@ def leakage(
         (0.0, 0.2)
     """
     shown = single_decisions(Disclosure.of(disclosure), "leakage")
-    joint = joint_law(disclosed(mechanism, shown) if shown.maps else mechanism, checked_prior(prior, problem))
+    joint = joint_law(disclosed(mechanism, shown) if shown.maps else mechanism, prior)
     held, weights = joint.weights > 0, joint.weights
     regrets, (row, column) = mechanism.expected_regrets, mechanism.sparse[held].nonzero()
     mean = weights @ joint.beliefs
@@ -171,6 +171,8 @@ def leakage(
     by_belief = joint.by_belief(joint.squared_errors)[held]
     top = np.asarray(joint.table.T @ joint.top_states)
     best_guess = float(joint.largest_by_action(joint.mass).sum() / weights.max())
+    silence = float("nan") if problem is None else silence_regret(problem, joint.beliefs, weights)
+    checked_prior(prior, problem)
     return Leakage(
         mutual_information=mutual_information(joint),
         bayes_error=float(np.sqrt(joint.mass @ joint.squared_errors)),
@@ -187,7 +189,7 @@ def leakage(
         least_error=float(np.sqrt(by_belief.min())),
         largest_error=float(np.sqrt(by_belief.max())),
         worst_expected_regret=float(regrets[held].max()),
-        silence_regret=float("nan") if problem is None else silence_regret(problem, joint.beliefs, weights),
+        silence_regret=silence,
         pointwise_leakage=_bits((joint.conditional / joint.played[joint.column]).max()),
         **_worths(joint, problem, loss),
     )

@@ -464,8 +464,9 @@ class MeanSquaredErrorFloor(_SquareErrors):
 
 def played_game(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) -> tuple[PlayedGame, Array]:
     """Return the beliefs with weight, the optimal rule's law on all decisions, and K on them."""
-    joint = joint_law(mechanism, checked_prior(prior, problem))
+    joint = joint_law(mechanism, prior)
     some, points = joint.weights > 0, points_in(problem, mechanism)
+    checked_prior(prior, problem)
     kept, place = np.unique(
         first_same(np.vstack([points, problem.solve_points(joint.beliefs[some])])), return_inverse=True
     )

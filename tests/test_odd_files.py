@@ -64,6 +64,13 @@ covariances = [
 """
 
 
+def test_two_columns_that_state_the_holdings_are_refused(tmp_path):
+    path = tmp_path / "holdings.csv"
+    path.write_text("symbol,weight,market value\nOil,10%,400\nFood,90%,100\n")
+    with pytest.raises(InputError, match="line 1: 'weight' and 'market value' all state what is held"):
+        read_holdings(path, assets=ASSETS)
+
+
 def test_prices_in_dollars_leave_weights_what_they_are(tmp_path):
     path = tmp_path / "holdings.csv"
     path.write_text("ticker,weight,shares,price\nOil,0.40,4,$30\nFood,0.20,2,$20\nTech,0.20,2,$5\n")

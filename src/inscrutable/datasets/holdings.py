@@ -244,6 +244,11 @@ def _long(table: TextTable, header: list[str], known: _Names) -> tuple[_Amounts,
             f"{table.path}, line 1: unknown columns {', '.join(map(repr, others))}; a list of holdings has date, ticker, "
             "and value or shares and price: leave the others out"
         )
+    stated = [table.header[place] for place, name in enumerate(header) if name in _VALUES]
+    if len(stated) > 1:
+        raise InputError(
+            f"{table.path}, line 1: {' and '.join(map(repr, stated))} all state what is held: leave one of them in"
+        )
     if "date" in header[1:]:
         raise InputError(f"{table.path}, line 1: the column date must come first")
     index, where = _portfolios(table) if header[0] == "date" else (pd.RangeIndex(1, name="row"), [0] * len(table.rows))

@@ -253,9 +253,9 @@ def _walked(polytope: Reduced, n: int, rng: np.random.Generator) -> Array:
     centre, widths = np.asarray(centre), np.linalg.inv(upper)
     for _ in range(_PILOTS):
         tried = _hit_and_run(polytope, centre, widths, (_PILOT_POINTS * centre.size, 1), rng)
-        centre, before = tried.mean(axis=0), widths
-        widths = np.linalg.cholesky(np.cov(tried.T))
-        spread = np.linalg.svd(np.linalg.solve(before, widths), compute_uv=False)
+        change = np.linalg.cholesky(np.cov(np.linalg.solve(widths, (tried - centre).T)))
+        centre, widths = tried.mean(axis=0), widths @ change
+        spread = np.linalg.svd(change, compute_uv=False)
         if spread[0] <= _STEADY * spread[-1]:
             break
     return _hit_and_run(polytope, centre, widths, (n, _STEPS), rng)

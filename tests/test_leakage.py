@@ -282,8 +282,9 @@ def test_foreign_beliefs_are_refused():
         leakage(played, uniform_prior(3, 3))
     with pytest.raises(InputError, match="prior must be a Prior"):
         leakage(played, [0.5, 0.5])
-    with pytest.raises(InputError, match="expected a Mechanism"):
-        leakage("mechanism", prior)
+    for disclosure in (None, "rounded(2)"):
+        with pytest.raises(InputError, match="expected a Mechanism"):
+            leakage("mechanism", prior, disclosure=disclosure)
     with pytest.raises(InputError, match="the problem has 3 states, the beliefs 2"):
         leakage(played, prior, belief_problem(3))
     with pytest.raises(InputError, match="problem must be a decision problem"):

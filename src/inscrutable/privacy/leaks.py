@@ -12,6 +12,7 @@ from inscrutable.errors import InputError
 from inscrutable.mechanisms import Disclosure, Mechanism, Prior
 from inscrutable.mechanisms.disclosed import disclosed, single_decisions
 from inscrutable.mechanisms.joint import Joint, joint_law
+from inscrutable.mechanisms.matching import checked_mechanism
 from inscrutable.mechanisms.priors import checked_prior
 from inscrutable.privacy.losses import Loss, checked_loss, on_simplex
 from inscrutable.problems import DecisionProblem, checked_problem
@@ -163,7 +164,7 @@ def leakage(
         (0.0, 0.2)
     """
     shown = single_decisions(Disclosure.of(disclosure), "leakage")
-    joint = joint_law(disclosed(mechanism, shown) if shown.maps else mechanism, prior)
+    joint = joint_law(disclosed(checked_mechanism(mechanism), shown) if shown.maps else mechanism, prior)
     held, weights = joint.weights > 0, joint.weights
     regrets, (row, column) = mechanism.expected_regrets, mechanism.sparse[held].nonzero()
     mean = weights @ joint.beliefs
